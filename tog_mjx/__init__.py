@@ -1,0 +1,12 @@
+"""tog_mjx: exact against stochastic gradients through contact, on MuJoCo MJX."""
+
+from tog_mjx.errors import InputError as InputError
+from tog_mjx.implicit import step as step
+from tog_mjx.rollout import Trajectory as Trajectory
+from tog_mjx.rollout import objective as objective
+from tog_mjx.rollout import rollout as rollout
+from tog_mjx.scene import Scene as Scene
+from tog_mjx.scene import load_scene as load_scene
+from tog_mjx.simulators import make_simulator as make_simulator
+from tog_mjx.tasks import Task as Task
+from tog_mjx.tasks import get_task as get_task

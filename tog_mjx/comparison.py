@@ -1,0 +1,179 @@
+"""The paper's controlled comparison: exact against stochastic descent, on both tasks, with Table I's settings.
+
+A run is one descent: a simulator, a task, a method and a seed. Its result is a file that is made once, kept, and read
+again.
+"""
+
+import contextlib
+import dataclasses
+import hashlib
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import mujoco
+import numpy as np
+
+from tog_mjx.descent import Descent, Status, descend
+from tog_mjx.errors import InputError
+from tog_mjx.gradients import exact, stochastic
+from tog_mjx.rollout import objective
+from tog_mjx.simulators import SIMULATORS
+from tog_mjx.storage import DamagedFileError, load_result, save_result
+from tog_mjx.tasks import TASKS, Rule, Task, get_task
+
+METHODS = ("exact", "stochastic")
+
+
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """One descent of the comparison. `iterations` replaces Table I's number where given."""
+
+    simulator: str
+    task: str
+    method: str
+    seed: int = 0
+    iterations: int | None = None
+
+    @property
+    def rule(self) -> Rule:
+        """Table I's row, with the number of iterations that this run asks for."""
+        rule: Rule = getattr(get_task(self.task), self.method)
+        return rule if self.iterations is None else rule._replace(iterations=self.iterations)
+
+    def path(self, out: Path) -> Path:
+        return out / self.simulator / self.task / f"{self.method}.npz"
+
+    def settings(self) -> dict[str, Any]:
+        """All that the result depends on: two runs with equal settings are the same run."""
+        task = get_task(self.task)
+        return {
+            "simulator": self.simulator,
+            "task": self.task,
+            "method": self.method,
+            "seed": self.seed if self.method == "stochastic" else None,
+            **self.rule._asdict(),
+            "horizon": task.horizon,
+            "scene": scene_digest(task),
+            "precision": "float32" if self.simulator == "released" else "float64",
+        }
+
+
+def compute(run: Run, report: Callable[[int], None] | None = None) -> Descent:
+    """Descends. `report` is called with the number of iterates evaluated so far.
+
+    The released program is run as it was: float32, and JAX's former stream of random numbers. The others run in
+    float64.
+    """
+    rule, task = run.rule, get_task(run.task)
+    with _conditions(run.simulator):
+        cost = objective(task, run.simulator)
+        is_exact = run.method == "exact"
+        return descend(
+            exact(cost) if is_exact else stochastic(cost, rule.sigma),
+            task.initial_guess,
+            step_size=rule.step_size,
+            iterations=rule.iterations,
+            key=jax.random.key(run.seed),
+            tolerance=0.0 if is_exact else None,
+            report=report,
+        )
+
+
+def save(run: Run, descent: Descent, out: Path) -> None:
+    """Writes a run's result."""
+    arrays = {name: getattr(descent, name) for name in ("costs", "setpoints", "gradients")}
+    outcome = {
+        "status": descent.status.value,
+        "seconds_compile": descent.seconds_compile,
+        "seconds_run": descent.seconds_run,
+    }
+    save_result(run.path(out), arrays, {"settings": run.settings(), **outcome})
+
+
+def load(run: Run, out: Path) -> Descent:
+    """Reads a run's result.
+
+    Raises:
+      FileNotFoundError, DamagedFileError: if there is none, or not a whole one.
+      InputError: if the file holds the result of other settings.
+    """
+    descent, settings = read(run.path(out))
+    for name, wanted in run.settings().items():
+        if settings.get(name) != wanted:
+            found = f"{name} {settings.get(name)}, not {wanted}" if name != "scene" else "another version of the scene"
+            raise InputError(f"{run.path(out)} was made with {found}; choose another --out, or --force to replace it")
+    return descent
+
+
+def read(path: Path) -> tuple[Descent, dict[str, Any]]:
+    """The result in a file, and the settings that it was made with.
+
+    Raises:
+      FileNotFoundError, DamagedFileError: if there is none, or not a whole one.
+    """
+    arrays, attributes = load_result(path)
+    settings = attributes.pop("settings")
+    fields: dict[str, Any] = {**arrays, **attributes, "status": Status(attributes["status"])}
+    return Descent(**fields), settings
+
+
+def read_all(out: Path) -> dict[Run, Descent]:
+    """Every undamaged result in a folder, in the order of `all_runs`."""
+    found = {}
+    for run in all_runs(list(SIMULATORS), list(TASKS), list(METHODS)):
+        with contextlib.suppress(FileNotFoundError, DamagedFileError):
+            descent, settings = read(run.path(out))
+            found[dataclasses.replace(run, seed=settings["seed"] or 0, iterations=settings["iterations"])] = descent
+    return found
+
+
+def summarise(run: Run, descent: Descent) -> dict[str, Any]:
+    """One entry of summary.json."""
+    best = descent.best_iteration
+    return {
+        "simulator": run.simulator,
+        "task": run.task,
+        "method": run.method,
+        "iterations": descent.iterations,
+        "cost_first": float(descent.costs[0]),
+        "cost_last": float(descent.costs[-1]),
+        "cost_best": float(descent.costs[best]),
+        "best_iteration": best,
+        "setpoints_best": descent.setpoints[best].tolist(),
+        "status": descent.status.value,
+        "seconds_compile": descent.seconds_compile,
+        "seconds_run": descent.seconds_run,
+    }
+
+
+def scene_digest(task: Task) -> str:
+    """SHA-256 of the compiled scene: any change of a number in its MJCF file changes it."""
+    model = task.scene.model
+    binary = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, binary)
+    return hashlib.sha256(binary.tobytes()).hexdigest()
+
+
+@contextlib.contextmanager
+def _conditions(simulator: str):
+    """The precision and the random stream of a simulator's runs; JAX's settings are restored afterwards."""
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(jax.enable_x64(simulator != "released"))
+        if simulator == "released":
+            stack.enter_context(jax.threefry_partitionable(False))
+        yield
+
+
+def all_runs(
+    simulators: list[str], tasks: list[str], methods: list[str], seed: int = 0, iterations: int | None = None
+) -> list[Run]:
+    """Every combination, once, the quick simulators first."""
+    chosen = itertools.product(reversed(SIMULATORS), TASKS, METHODS)
+    return [
+        Run(simulator, task, method, seed, iterations)
+        for simulator, task, method in chosen
+        if simulator in simulators and task in tasks and method in methods
+    ]

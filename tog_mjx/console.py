@@ -1,0 +1,92 @@
+"""What every script shares: one clear line for bad input, the compilation cache, and progress."""
+
+import argparse
+import contextlib
+import os
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NoReturn
+
+import jax
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from tog_mjx.errors import InputError
+
+CACHE_VARIABLE = "TOG_MJX_CACHE"
+"""Environment variable: the folder of compiled functions, or "off". The default lies in the user's cache folder."""
+
+_SECONDS_BETWEEN_LINES = 10
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """argparse's, saying in one line on standard error what is wrong."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message} (see --help)\n")
+
+
+def run_main(main: Callable[[], None]) -> None:
+    """Runs a script: bad input ends it with one line and status 2, Ctrl-C with one line and status 130."""
+    name = Path(sys.argv[0]).name
+    try:
+        enable_compilation_cache()
+        main()
+    except InputError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print(f"{name}: interrupted; what was finished is kept, the same command continues", file=sys.stderr)
+        sys.exit(130)
+
+
+def enable_compilation_cache() -> None:
+    """Keeps compiled functions on disk, so that a second start need not compile. JAX_COMPILATION_CACHE_DIR wins."""
+    folder = os.environ.get(CACHE_VARIABLE)
+    if folder == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    jax.config.update("jax_compilation_cache_dir", folder or str(root / "tog_mjx"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+class Work:
+    """Progress of a list of pieces of work: a bar with the time left on a terminal, elsewhere a line now and then."""
+
+    def __init__(self, console: Console):
+        self.console = console
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        self._bars = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
+
+    @contextlib.contextmanager
+    def piece(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
+        """One piece of `total` steps. Yields what to call with the number done; before the first call it compiles."""
+        if not self.console.is_terminal:
+            self.console.print(f"{name}: compiling", markup=False)
+        bar = self._bars.add_task(escape(f"{name}: compiling"), total=None)
+        first: tuple[float, int] | None = None
+        said = 0.0
+
+        def report(done: int) -> None:
+            nonlocal first, said
+            self._bars.update(bar, description=escape(f"{name}: running"), total=total, completed=done)
+            now = time.monotonic()
+            if first is None:  # The time before it was the compiler's.
+                first, said = (now, done), now
+            elif not self.console.is_terminal and now - said > _SECONDS_BETWEEN_LINES:
+                left = (now - first[0]) / (done - first[1]) * (total - done)
+                self.console.print(f"{name}: {done} of {total}, about {left:.0f} s left", markup=False)
+                said = now
+
+        with self._bars:
+            yield report
+        self._bars.remove_task(bar)

@@ -1,0 +1,31 @@
+"""The exact gradient, by automatic differentiation (the paper's equation 8)."""
+
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from tog_mjx.gradients.estimator import Estimator, Objective
+
+FORWARD_LIMIT = 4
+"""Up to this many variables forward mode compiles and runs faster than reverse mode through a long rollout."""
+
+
+def exact(objective: Objective, mode: Literal["forward", "reverse"] | None = None) -> Estimator:
+    """J and its derivative.
+
+    Args:
+      objective: differentiable in the chosen mode.
+      mode: "forward" (time grows with n, memory does not grow with the horizon), "reverse" (the opposite), or None:
+        forward for at most `FORWARD_LIMIT` variables.
+    """
+
+    def estimate(key: Key[Array, ""], u: Float[Array, " n"]) -> tuple[Float[Array, ""], Float[Array, " n"]]:
+        del key
+        if mode == "reverse" or (mode is None and u.size > FORWARD_LIMIT):
+            return jax.value_and_grad(objective)(u)
+        along = jax.vmap(lambda direction: jax.jvp(objective, (u,), (direction,)), out_axes=(None, 0))
+        return along(jnp.eye(u.size, dtype=u.dtype))
+
+    return estimate

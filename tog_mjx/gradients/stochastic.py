@@ -1,0 +1,35 @@
+"""The paper's stochastic gradient: one random direction, two evaluations (the paper's equation 9)."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Key
+
+from tog_mjx.errors import InputError
+from tog_mjx.gradients.estimator import Estimator, Objective
+
+
+def stochastic(objective: Objective, sigma: float, normalised: bool = False) -> Estimator:
+    """[J(u + w) - J(u)] w with w ~ N(0, sigma^2 I).
+
+    Its mean is sigma^2 times the gradient of J smoothed by w. That factor is part of the paper's rule and of its step
+    sizes.
+
+    Args:
+      objective: need not be differentiable.
+      sigma: standard deviation of w, in the units of u; positive.
+      normalised: divide by sigma^2, so that the mean is the smoothed gradient itself.
+
+    Raises:
+      InputError: for a sigma that is not positive and finite.
+    """
+    if not 0 < sigma < float("inf"):
+        raise InputError(f"sigma is {sigma}: the perturbation needs a positive standard deviation")
+    scale = 1 / sigma**2 if normalised else 1.0
+
+    def estimate(key: Key[Array, ""], u: Float[Array, " n"]) -> tuple[Float[Array, ""], Float[Array, " n"]]:
+        w = sigma * jax.random.normal(key, u.shape, u.dtype)
+        # One after the other: compiled once, and J(u) to the last bit what it is alone.
+        cost, perturbed = jax.lax.map(objective, jnp.stack([u, u + w]))
+        return cost, scale * (perturbed - cost) * w
+
+    return estimate

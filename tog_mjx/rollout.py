@@ -1,0 +1,115 @@
+"""The one road through the package: a task, a simulator and setpoints give a trajectory, or a cost to differentiate."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from tog_mjx.errors import InputError
+from tog_mjx.simulators import Simulator, make_simulator
+from tog_mjx.tasks import Task, get_task
+from tog_mjx.types import Scalar, Setpoints
+
+
+class Trajectory(NamedTuple):
+    """States at `time` [T] (s): box [T, 6] (x, z, theta, vx, vz, omega) and fingers [T, F, 4] (x, z, vx, vz)."""
+
+    time: Float[Array, " T"]
+    box: Float[Array, "T 6"]
+    fingers: Float[Array, "T F 4"]
+
+
+def rollout(task: str | Task, u: ArrayLike, simulator: str = "mjx", **options: str) -> Trajectory:
+    """The motion of a task under constant setpoints.
+
+    Args:
+      task: "flip", "grasp" or a Task.
+      u: setpoints [2F] in m.
+      simulator: "mjx", "penalty" or "released"; `options` as in `objective`.
+
+    Raises:
+      InputError: for an unknown name or option, or setpoints of the wrong shape or not finite.
+    """
+    task = get_task(task)
+    run = _compiled_rollout(task, simulator, tuple(sorted(options.items())), str(jnp.zeros(0).dtype))
+    return run(check_setpoints(task, u))
+
+
+def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Callable[[ArrayLike], Float[Array, ""]]:
+    """The task's cost J(u), a compiled function of the setpoints u [2F]: to jit, vmap, and differentiate in both modes.
+
+    Args:
+      task: "flip", "grasp" or a Task.
+      simulator: "mjx" (option `differentiation="implicit" | "native"`), "penalty" (option `friction="mujoco" |
+        "paper"`) or "released".
+
+    Its precision is that of JAX's x64 flag; make it under the flag you call it with.
+
+    Raises:
+      InputError: for an unknown name or option; J raises it for setpoints of the wrong shape or not finite.
+    """
+    task = get_task(task)
+    engine = make_simulator(simulator, task.scene, **options)
+    cost = jax.jit(lambda u: final_cost(task, engine, u))
+    return lambda u: cost(check_setpoints(task, u))
+
+
+def final_cost(task: Task, simulator: Simulator, u: Setpoints) -> Scalar:
+    """J at the end of the horizon. `simulator` may be a traced pytree: J is differentiable in its parameters too."""
+
+    def advance(state: Any, _: None) -> tuple[Any, None]:
+        return simulator.step(state, u), None
+
+    state, _ = jax.lax.scan(advance, simulator.init(*task.start), length=task.horizon - 1)
+    return task.cost(simulator.observe(state)[0])
+
+
+def trajectory(task: Task, simulator: Simulator, u: Setpoints) -> Trajectory:
+    """The whole motion, the initial state first."""
+
+    def advance(state: Any, _: None) -> tuple[Any, Any]:
+        state = simulator.step(state, u)
+        return state, simulator.observe(state)
+
+    start = simulator.init(*task.start)
+    _, states = jax.lax.scan(advance, start, length=task.horizon - 1)
+    box, fingers = jax.tree.map(
+        lambda first, rest: jnp.concatenate([first[None], rest]), simulator.observe(start), states
+    )
+    return Trajectory(jnp.arange(task.horizon) * task.scene.model.opt.timestep, box, fingers)
+
+
+def check_setpoints(task: Task, u: ArrayLike) -> Float[Array, " n"]:
+    """u as an array of JAX's default float type.
+
+    Raises:
+      InputError: for setpoints of the wrong shape, or known to be not finite (inside a transformation nothing is
+      known).
+    """
+    fingers = len(task.scene.fingers)
+    try:
+        u = jnp.asarray(u, float)
+    except (TypeError, ValueError):
+        raise InputError(
+            f"setpoints {u!r} are not numbers; give {2 * fingers} of them, x and z of each finger in m"
+        ) from None
+    if u.shape != (2 * fingers,):
+        shape = ", ".join(map(str, u.shape))
+        raise InputError(
+            f"setpoints have shape [{shape}]; {task.name} takes [{2 * fingers}], x and z of each finger in m"
+        )
+    if not isinstance(u, jax.core.Tracer) and not bool(jnp.isfinite(u).all()):
+        raise InputError(f"setpoints {u.tolist()} are not finite; give finite numbers of m")
+    return u
+
+
+@functools.lru_cache(maxsize=32)
+def _compiled_rollout(
+    task: Task, simulator: str, options: tuple[tuple[str, str], ...], _dtype: str
+) -> Callable[[Array], Trajectory]:
+    """Compiled once for each task, simulator and precision: JAX's default `_dtype` is part of the key."""
+    engine = make_simulator(simulator, task.scene, **dict(options))
+    return jax.jit(lambda u: trajectory(task, engine, u))

@@ -1,0 +1,199 @@
+"""From an MJCF file to a Scene: the compiled model, the names in it, and the physical parameters read from it.
+
+The MJCF file is the single source of truth: whatever a simulator needs to know is read here from the compiled model,
+and the penalty constants from its `<custom><numeric>` elements. Nothing is written twice.
+"""
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from tog_mjx.contact import PenaltyLaw
+from tog_mjx.errors import InputError
+from tog_mjx.supported import check_supported
+
+_PACKAGE = Path(__file__).parent
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A compiled MJCF scene. `model` is MuJoCo's; treat it as read-only. Compared and hashed by identity."""
+
+    name: str
+    model: mujoco.MjModel
+
+    @functools.cached_property
+    def fingers(self) -> tuple[str, ...]:
+        """The bodies named finger1, finger2, ... in the order of their numbers."""
+        names = (self.model.body(i).name for i in range(self.model.nbody))
+        found = [n for n in names if n.startswith("finger") and n.removeprefix("finger").isdigit()]
+        return tuple(sorted(found, key=lambda n: int(n.removeprefix("finger"))))
+
+    @functools.cached_property
+    def joints(self) -> np.ndarray:
+        """Addresses in qpos (and in qvel: all joints are scalar) of box x, z, theta, each finger's x, z. [3 + 2F]"""
+        names = ["box_x", "box_z", "box_theta", *(f"{finger}_{axis}" for finger in self.fingers for axis in "xz")]
+        return np.array([self._named("jnt", name).qposadr[0] for name in names])
+
+    @functools.cached_property
+    def actuators(self) -> np.ndarray:
+        """Indices in ctrl of the fingers' setpoints, finger-major: x, z of finger1, then of finger2. [2F]"""
+        return np.array([self._named("actuator", f"{finger}_{axis}").id for finger in self.fingers for axis in "xz"])
+
+    @property
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """The pose of the file at rest: box (x, z, theta, vx, vz, omega) [6] and fingers (x, z, vx, vz) [F, 4]."""
+        position = self.model.qpos0[self.joints]
+        fingers = position[3:].reshape(-1, 2)
+        return np.concatenate([position[:3], np.zeros(3)]), np.concatenate([fingers, np.zeros_like(fingers)], axis=1)
+
+    @property
+    def initial_guess(self) -> np.ndarray:
+        """The setpoints u [2F] that the keyframe `start` gives as ctrl."""
+        return np.array(self._named("key", "start").ctrl[self.actuators])
+
+    def numeric(self, name: str) -> float:
+        """The value of `<custom><numeric name=... data=...>`."""
+        return float(self._named("numeric", name).data[0])
+
+    @functools.cached_property
+    def physics(self) -> "Physics":
+        """The physical parameters of a planar scene of one box and its fingers; see `Physics`.
+
+        Raises:
+          InputError: names the element that the scene lacks, or in which its fingers differ.
+        """
+        model = self.model
+        box, fingers = self._named("body", "box"), [self._named("body", f) for f in self.fingers]
+        if not fingers:
+            raise InputError(f"scene {self.name}: no body is named finger1; name the fingers finger1, finger2, ...")
+        half = self._named("geom", "box").size[[0, 2]]
+        corners = [g for g in range(model.ngeom) if model.geom_bodyid[g] == box.id and self._touches_floor(g)]
+        radius = [float(self._named("geom", f).size[0]) for f in self.fingers]
+        gain = model.actuator_gainprm[self.actuators, 0]
+        damping = -model.actuator_biasprm[self.actuators, 2]
+        mass = [float(body.mass[0]) for body in fingers]
+        for what, values in (("mass", mass), ("radius", radius), ("kp", gain), ("kv", damping)):
+            if np.ptp(values):
+                raise InputError(
+                    f"scene {self.name}: the fingers differ in {what} ({values}); give all of them the same"
+                )
+        return Physics(
+            gravity=-float(model.opt.gravity[2]),
+            timestep=float(model.opt.timestep),
+            box_mass=float(box.mass[0]),
+            box_inertia=float(box.inertia[1]),
+            box_half=half,
+            corners=model.geom_pos[corners][:, [0, 2]],
+            corner_radius=float(model.geom_size[corners[0], 0]),
+            finger_mass=mass[0],
+            finger_radius=radius[0],
+            finger_stiffness=float(gain[0]),
+            finger_damping=float(damping[0]),
+            corner_floor=self._law("corner_floor", corners[0]),
+            finger_floor=self._law("finger_floor", self._named("geom", self.fingers[0]).id),
+            finger_box=self._law("finger_box", self._named("geom", self.fingers[0]).id),
+        )
+
+    def _law(self, kind: str, geom: int) -> PenaltyLaw:
+        """The penalty law of a kind of contact, from the scene's constants and the friction of the pair itself."""
+        other = self._named("geom", kind.split("_")[1]).id
+        return PenaltyLaw(
+            stiffness=self.numeric("contact_stiffness"),
+            damping=self.numeric("contact_damping"),
+            friction=float(self.model.pair_friction[self.pair(geom, other), 0]),
+            viscosity=self.numeric(f"viscous_friction_{kind}"),
+            slope=self.numeric("friction_slope"),
+        )
+
+    def pair(self, geom1: int, geom2: int) -> int:
+        """The number of the contact pair of two geoms."""
+        model = self.model
+        for i in range(model.npair):
+            if {int(model.pair_geom1[i]), int(model.pair_geom2[i])} == {geom1, geom2}:
+                return i
+        names = model.geom(geom1).name, model.geom(geom2).name
+        raise InputError(f"scene {self.name}: no <contact><pair> of the geoms {names[0]} and {names[1]}; add it")
+
+    def _touches_floor(self, geom: int) -> bool:
+        floor = self._named("geom", "floor").id
+        pairs = zip(self.model.pair_geom1, self.model.pair_geom2, strict=True)
+        return any({geom, floor} == {int(a), int(b)} for a, b in pairs)
+
+    def _named(self, kind: str, name: str):
+        """MuJoCo's view of an element, or one clear line where the scene lacks it."""
+        try:
+            return getattr(self.model, kind)(name)
+        except KeyError:
+            raise InputError(
+                f"scene {self.name}: it has no {kind} named {name}, which the planar simulators need"
+            ) from None
+
+
+class Physics(NamedTuple):
+    """Physical parameters of a planar scene, SI units. All fields are leaves of the pytree.
+
+    Lengths: `box_half` [2] half sides along the box's x and z; `corners` [C, 2] in the box's frame. `finger_stiffness`
+    and `finger_damping` are k_p and k_d of the stiffness control; the laws are those of the three kinds of contact.
+    """
+
+    gravity: float
+    timestep: float
+    box_mass: float
+    box_inertia: float
+    box_half: np.ndarray
+    corners: np.ndarray
+    corner_radius: float
+    finger_mass: float
+    finger_radius: float
+    finger_stiffness: float
+    finger_damping: float
+    corner_floor: PenaltyLaw
+    finger_floor: PenaltyLaw
+    finger_box: PenaltyLaw
+
+
+def models_folder() -> Path:
+    """Where the scenes lie: inside an installed package, beside it in a checkout."""
+    installed = _PACKAGE / "models"
+    return installed if installed.is_dir() else _PACKAGE.parent / "models"
+
+
+def scene_names() -> list[str]:
+    """The scenes that come with the package: every MJCF file in `models` that is a whole model."""
+    return sorted(path.stem for path in models_folder().glob("*.xml") if "<mujoco " in path.read_text())
+
+
+def scene_path(scene: str | Path) -> Path:
+    """The file of a scene, given by its name ("flip", "grasp") or as the path of any MJCF file.
+
+    Raises:
+      InputError: if there is neither such a scene nor such a file.
+    """
+    if str(scene) in scene_names():
+        return models_folder() / f"{scene}.xml"
+    path = Path(scene)
+    if not path.is_file():
+        raise InputError(
+            f"{scene}: no such scene or file; name one of {', '.join(scene_names())} or give the path of an MJCF file"
+        )
+    return path
+
+
+def load_scene(scene: str | Path) -> Scene:
+    """Compiles a scene, given by its name or as the path of any MJCF file, and checks that MJX can simulate it.
+
+    Raises:
+      InputError: one line for a file that is missing, malformed, or uses a feature that MJX lacks.
+    """
+    path = scene_path(scene)
+    try:
+        model = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+    check_supported(model, path)
+    return Scene(path.stem, model)

@@ -1,0 +1,8 @@
+"""Three simulators behind one interface."""
+
+from tog_mjx.simulators.mjx import MjxSimulator as MjxSimulator
+from tog_mjx.simulators.penalty import PenaltySimulator as PenaltySimulator
+from tog_mjx.simulators.released import ReleasedSimulator as ReleasedSimulator
+from tog_mjx.simulators.simulator import SIMULATORS as SIMULATORS
+from tog_mjx.simulators.simulator import Simulator as Simulator
+from tog_mjx.simulators.simulator import make_simulator as make_simulator

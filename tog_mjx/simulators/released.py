@@ -1,0 +1,140 @@
+"""The paper's released program, restated quirk by quirk, so that the published numbers can be checked.
+
+It differs from the paper's text, and from good physics, on purpose: nothing else in the package depends on it. The
+quirks:
+
+1. explicit Euler: positions advance with the old velocities;
+2. finger damping k_d = 2 N s/m whatever the stiffness;
+3. a contact damper, active in penetration, and a normal force that is not clipped and so can pull;
+4. the rotational velocity of a corner is sqrt(2) times the rigid body's; contact points stay at the full penetration;
+5. finger and box: a distance with a floor of 1 mm inside the norm, the normal of the diagonal sector, a tangent
+   regularised by adding 1 mm/s to each component of the velocity;
+6. fingers are points. The scene's fingers are spheres whose surface plays that point's part, so `init` moves each
+   finger by its radius towards the box. The states of this simulator are those of the points.
+
+The published numbers are float32. Friction is -mu(v) f_n with mu(v) = c v up to psi_s = mu_d / c, and mu_d sign(v)
+beyond.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import ClassVar
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from tog_mjx.scene import Physics, Scene
+from tog_mjx.simulators.penalty import PlanarState, cross, perpendicular, rotate
+from tog_mjx.types import AnyArray, Box, Fingers, Scalar, Setpoints, Vector
+
+FINGER_DAMPING = 2.0
+"""k_d [N s/m] in both tasks."""
+REGULARISER = 1e-3
+"""Added to the distances [m] and the speeds [m/s] of finger and box."""
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class ReleasedSimulator:
+    """Parameters are leaves. Implements `tog_mjx.simulators.simulator.Simulator`."""
+
+    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {}
+
+    physics: Physics
+
+    @classmethod
+    def from_scene(cls, scene: Scene) -> "ReleasedSimulator":
+        return cls(scene.physics)
+
+    def init(self, box: Box, fingers: Fingers) -> PlanarState:
+        box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
+        towards_box = jnp.sign(box[0] - fingers[:, 0])
+        return PlanarState(box, fingers.at[:, 0].add(towards_box * self.physics.finger_radius))
+
+    def observe(self, state: PlanarState) -> tuple[Box, Fingers]:
+        return state
+
+    def step(self, state: PlanarState, setpoints: Setpoints) -> PlanarState:
+        """Advances by one time step under the setpoints [2F]."""
+        p = self.physics
+        box, fingers = state
+        targets = jnp.reshape(setpoints, (fingers.shape[0], 2))
+
+        wrench = jnp.array([0.0, -p.gravity * p.box_mass, 0.0])
+        wrench += self._each(self._corner_floor, box, p.corners).sum(0)
+        on_fingers, by_fingers = self._each(self._finger_box, box, fingers)
+        wrench += by_fingers.sum(0)
+        forces = jnp.array([0.0, -p.gravity * p.finger_mass])
+        forces += p.finger_stiffness * (targets - fingers[:, :2]) - FINGER_DAMPING * fingers[:, 2:]
+        forces += jax.vmap(self._finger_floor)(fingers) + on_fingers
+
+        acceleration = wrench / jnp.array([p.box_mass, p.box_mass, p.box_inertia])
+        return PlanarState(
+            box + p.timestep * jnp.concatenate([box[3:], acceleration]),
+            fingers + p.timestep * jnp.concatenate([fingers[:, 2:], forces / p.finger_mass], axis=1),
+        )
+
+    @staticmethod
+    def _each(contact: Callable, box: Box, others: Float[AnyArray, "contacts n"]):
+        """`contact(box, other)` for each other, every force and every derivative rounded before it enters a sum.
+
+        The published grasp depends on it. Its state is mirror-symmetric, so the sums over mirrored contacts cancel
+        exactly, iteration after iteration. A compiler that fuses the last product of a contact with the sum (a fused
+        multiply-add) rounds one of two mirrored contacts and not the other; the descent amplifies that 1e-8 until,
+        around iteration 57, it leaves the solution.
+        """
+        boxes = jax.lax.optimization_barrier(jnp.tile(box, (others.shape[0], 1)))
+        return jax.lax.optimization_barrier(jax.vmap(contact)(boxes, jnp.asarray(others, box.dtype)))
+
+    def _normal_force(self, phi: Scalar, normal_speed: Scalar) -> Scalar:
+        """The damped spring for phi <= 0; it may pull."""
+        law = self.physics.corner_floor
+        return -law.stiffness * phi - law.damping * normal_speed * (phi < 0)
+
+    def _floor_force(self, height: Scalar, velocity: Vector) -> Vector:
+        """Force (x, z) of the floor on a point."""
+        law = self.physics.corner_floor
+        normal = self._normal_force(jnp.minimum(0.0, height), velocity[1])
+        sticking = jnp.abs(velocity[0]) <= law.friction / law.slope
+        mu = jnp.where(sticking, law.slope * velocity[0], law.friction * jnp.sign(velocity[0]))
+        return jnp.array([-mu * normal, normal])
+
+    def _corner_floor(self, box: Box, corner: Vector) -> Float[Array, "3"]:
+        """Force and torque on the box at one corner, given in the box's frame."""
+        arm = rotate(box[2], corner)
+        velocity = jnp.sqrt(2.0) * box[5] * perpendicular(arm) + box[3:5]
+        force = self._floor_force(arm[1] + box[1], velocity)
+        return jnp.append(force, cross(arm, force))
+
+    def _finger_floor(self, finger: Float[AnyArray, "4"]) -> Vector:
+        """Force of the floor on a finger."""
+        return self._floor_force(finger[1], finger[2:])
+
+    def _finger_box(self, box: Box, finger: Float[AnyArray, "4"]) -> tuple[Vector, Float[Array, "3"]]:
+        """Force on a finger, and force and torque on the box."""
+        law = self.physics.finger_box
+        arm = finger[:2] - box[:2]
+        point = rotate(-box[2], arm)
+        velocity = rotate(-box[2], finger[2:] - box[3:5]) - box[5] * perpendicular(point)
+
+        beyond = jnp.abs(point) - self.physics.box_half
+        phi = jnp.minimum(0.0, beyond.max()) + jnp.linalg.norm(jnp.maximum(REGULARISER, beyond))
+        normal = diagonal_sector(point)
+        normal_speed = velocity @ normal
+        tangential = velocity - normal_speed * normal
+        shifted = jnp.linalg.norm(tangential + REGULARISER)
+        normal_force = self._normal_force(jnp.minimum(0.0, phi), normal_speed)
+        sticking = shifted <= law.friction / law.slope
+        mu = jnp.where(sticking, law.slope * tangential, law.friction * tangential / (shifted + REGULARISER))
+        force = rotate(box[2], normal_force * (normal - mu))
+        return force, -jnp.append(force, cross(arm, force))
+
+
+def diagonal_sector(point: Vector) -> Vector:
+    """The axis, out of +x, -x, +z and -z, of the sector between the box's diagonals in which a point lies."""
+    x, z = point
+    right_or_up, left_or_up = z > -x, z > x
+    upright = right_or_up == left_or_up
+    sign = jnp.where(right_or_up, 1.0, -1.0)
+    return sign * jnp.where(upright, jnp.array([0.0, 1.0]), jnp.array([1.0, 0.0]))

@@ -1,0 +1,55 @@
+"""The interface that all simulators share, and the one place that knows their names.
+
+A simulator is an immutable set of parameters with three pure functions; everything above them is written once:
+
+    state = simulator.init(box, fingers)      box [6] (x, z, theta, vx, vz, omega), fingers [F, 4] (x, z, vx, vz)
+    state = simulator.step(state, setpoints)  setpoints [2F], finger-major; advances by one time step
+    box, fingers = simulator.observe(state)
+
+A simulator knows no task. Its parameters are leaves of a pytree, so that a compiled function can take them as an
+argument and differentiate with respect to them; its choices of law and differentiation are static.
+"""
+
+from typing import Any, Protocol
+
+from tog_mjx.errors import InputError
+from tog_mjx.scene import Scene
+from tog_mjx.simulators.mjx import MjxSimulator
+from tog_mjx.simulators.penalty import PenaltySimulator
+from tog_mjx.simulators.released import ReleasedSimulator
+from tog_mjx.types import Box, Fingers, Setpoints
+
+
+class Simulator(Protocol):
+    """See the module's header."""
+
+    def init(self, box: Box, fingers: Fingers) -> Any: ...
+
+    def step(self, state: Any, setpoints: Setpoints) -> Any: ...
+
+    def observe(self, state: Any) -> tuple[Box, Fingers]: ...
+
+
+SIMULATORS: dict[str, Any] = {"mjx": MjxSimulator, "penalty": PenaltySimulator, "released": ReleasedSimulator}
+
+
+def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
+    """The simulator called `name` of a planar scene.
+
+    Args:
+      name: "mjx", "penalty" or "released".
+      options: `differentiation="implicit" | "native"` of mjx, `friction="mujoco" | "paper"` of penalty.
+
+    Raises:
+      InputError: for an unknown simulator, option or value.
+    """
+    if name not in SIMULATORS:
+        raise InputError(f"simulator {name!r} is unknown; choose from {', '.join(SIMULATORS)}")
+    kind = SIMULATORS[name]
+    for option, value in options.items():
+        if option not in kind.OPTIONS:
+            known = " and ".join(kind.OPTIONS) or "no options"
+            raise InputError(f"simulator {name!r} has no option {option!r}; it takes {known}")
+        if value not in kind.OPTIONS[option]:
+            raise InputError(f"{option}={value!r} is unknown; choose from {', '.join(kind.OPTIONS[option])}")
+    return kind.from_scene(scene, **options)

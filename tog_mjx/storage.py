@@ -1,0 +1,72 @@
+"""Results on disk: written whole or not at all, and read only if undamaged.
+
+A result is an `.npz` of arrays with a JSON text of settings and scalars under the name `attributes`; no pickles. The
+CRC-32 that the zip format keeps of every member is checked on reading.
+"""
+
+import contextlib
+import json
+import os
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from tog_mjx.errors import InputError
+
+_ATTRIBUTES = "attributes"
+
+
+class DamagedFileError(Exception):
+    """A file that was not written by this module, or not wholly, or that has changed since."""
+
+
+@contextlib.contextmanager
+def atomic_write(path: Path) -> Iterator[IO[bytes]]:
+    """A file to write that takes the place of `path` only when the block ends well, after reaching the disk.
+
+    Raises:
+      InputError: where the folder or the file cannot be written.
+    """
+    partial = path.with_name(f".{path.name}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True) if path.parent.is_dir() else None
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another folder") from None
+
+
+def save_result(path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
+    """Writes arrays and JSON-able attributes, atomically."""
+    with atomic_write(path) as file:
+        np.savez(file, allow_pickle=False, **{_ATTRIBUTES: np.array(json.dumps(attributes))}, **arrays)
+
+
+def load_result(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """The arrays and attributes of a result.
+
+    Raises:
+      FileNotFoundError: if there is none.
+      DamagedFileError: if it is not whole.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        return arrays, json.loads(str(arrays.pop(_ATTRIBUTES)))
+    except FileNotFoundError:
+        raise
+    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise DamagedFileError(f"{path}: {' '.join(str(error).split())}") from None
+
+
+def save_json(path: Path, content: Any) -> None:
+    """Writes JSON, atomically. NaN and infinity are refused: they are not JSON."""
+    with atomic_write(path) as file:
+        file.write((json.dumps(content, indent=2, allow_nan=False) + "\n").encode())

@@ -1,0 +1,111 @@
+"""The paper's two tasks: what to reach, from where, in which time, and Table I.
+
+Setpoints u [2F] are finger-major: (x_des, z_des) of finger 1, then of finger 2 [m]. Costs take the box's last state
+[6].
+"""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from tog_mjx.errors import InputError
+from tog_mjx.scene import Scene, load_scene
+from tog_mjx.types import Box, Scalar, Setpoints, Vector
+
+
+class Rule(NamedTuple):
+    """A row of Table I: step size alpha, number of updates, and for the stochastic rule sigma [m]."""
+
+    step_size: float
+    iterations: int
+    sigma: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Task:
+    """A scene, a horizon and a cost, with Table I's settings. Compared and hashed by identity.
+
+    `horizon` is the number of states T, the initial one included: T - 1 time steps. `cost` maps the box's last state
+    [6] to J. `window` is the landscape's ((x_min, x_max), (z_min, z_max)) [m], and `expand` maps its points [2] to
+    setpoints [2F].
+    """
+
+    name: str
+    scene: Scene
+    horizon: int
+    cost: Callable[[Box], Scalar]
+    exact: Rule
+    stochastic: Rule
+    window: tuple[tuple[float, float], tuple[float, float]]
+    expand: Callable[[Vector], Setpoints]
+
+    @property
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """Box [6] and fingers [F, 4] at rest, in the pose of the scene's file."""
+        return self.scene.start
+
+    @property
+    def initial_guess(self) -> np.ndarray:
+        """The setpoints u [2F] from which the paper descends, in the scene's keyframe `start`."""
+        return self.scene.initial_guess
+
+
+def flip_cost(box: Box) -> Scalar:
+    """J = x^2 + theta^2: upright at the origin."""
+    return box[0] ** 2 + box[2] ** 2
+
+
+def grasp_cost(box: Box) -> Scalar:
+    """J = (z - 1)^2 + 0.1 (x^2 + theta^2 + vx^2 + vz^2 + omega^2): at rest, level, at a height of 1 m."""
+    x, z, theta, vx, vz, omega = box
+    return (z - 1) ** 2 + 0.1 * (x**2 + theta**2 + vx**2 + vz**2 + omega**2)
+
+
+@functools.cache
+def flip() -> Task:
+    """Box flip (paper, section II): one finger tips a box upright and to the origin."""
+    return Task(
+        name="flip",
+        scene=load_scene("flip"),
+        horizon=600,
+        cost=flip_cost,
+        exact=Rule(step_size=0.1, iterations=5),
+        stochastic=Rule(step_size=0.1, iterations=10, sigma=0.5),
+        window=((-0.5, 0.5), (0.0, 1.0)),
+        expand=jnp.asarray,
+    )
+
+
+@functools.cache
+def grasp() -> Task:
+    """Box grasp (paper, section II): two fingers lift a box to 1 m. Its landscape shows the symmetric setpoints."""
+    return Task(
+        name="grasp",
+        scene=load_scene("grasp"),
+        horizon=500,
+        cost=grasp_cost,
+        exact=Rule(step_size=0.5, iterations=100),
+        stochastic=Rule(step_size=0.5, iterations=1000, sigma=0.1),
+        window=((-1.0, 1.0), (0.0, 2.0)),
+        expand=lambda point: jnp.array([point[0], point[1], -point[0], point[1]]),
+    )
+
+
+TASKS = {"flip": flip, "grasp": grasp}
+
+
+def get_task(task: str | Task) -> Task:
+    """The task of that name; a Task is returned as it is.
+
+    Raises:
+      InputError: for an unknown name.
+    """
+    if isinstance(task, Task):
+        return task
+    if task not in TASKS:
+        raise InputError(f"task {task!r} is unknown; choose from {', '.join(TASKS)}")
+    return TASKS[task]()

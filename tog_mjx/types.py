@@ -1,0 +1,17 @@
+"""Shapes, named once. Plane vectors are (x, z); F is the number of fingers and n = 2F that of setpoints."""
+
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+AnyArray = Array | np.ndarray
+
+Scalar = Float[AnyArray, ""]
+Vector = Float[AnyArray, "2"]
+
+Box = Float[AnyArray, "6"]
+"""x, z, theta, vx, vz, omega."""
+Fingers = Float[AnyArray, "F 4"]
+"""x, z, vx, vz of each finger."""
+Setpoints = Float[AnyArray, " n"]
+"""Finger-major: (x_des, z_des) of finger 1, then of finger 2, in m."""
