@@ -13,10 +13,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from tog_mjx.errors import InputError
 from tog_mjx.gradients import Estimator
+from tog_mjx.types import Numbers
 
 REPORT_INTERVAL = 0.5
 """Seconds between reports, about."""
@@ -69,7 +70,7 @@ class _Loop(NamedTuple):
 
 def descend(
     estimate: Estimator,
-    u: ArrayLike,
+    u: Numbers,
     *,
     step_size: float,
     iterations: int,

@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from tog_mjx.errors import InputError
 from tog_mjx.simulators import Simulator, make_simulator
 from tog_mjx.tasks import Task, get_task
-from tog_mjx.types import Scalar, Setpoints
+from tog_mjx.types import Numbers, Scalar, Setpoints
 
 
 class Trajectory(NamedTuple):
@@ -22,7 +22,7 @@ class Trajectory(NamedTuple):
     fingers: Float[Array, "T F 4"]
 
 
-def rollout(task: str | Task, u: ArrayLike, simulator: str = "mjx", **options: str) -> Trajectory:
+def rollout(task: str | Task, u: Numbers, simulator: str = "mjx", **options: str) -> Trajectory:
     """The motion of a task under constant setpoints.
 
     Args:
@@ -38,7 +38,7 @@ def rollout(task: str | Task, u: ArrayLike, simulator: str = "mjx", **options: s
     return run(check_setpoints(task, u))
 
 
-def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Callable[[ArrayLike], Float[Array, ""]]:
+def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Callable[[Numbers], Scalar]:
     """The task's cost J(u), a compiled function of the setpoints u [2F]: to jit, vmap, and differentiate in both modes.
 
     Args:
@@ -82,7 +82,7 @@ def trajectory(task: Task, simulator: Simulator, u: Setpoints) -> Trajectory:
     return Trajectory(jnp.arange(task.horizon) * task.scene.model.opt.timestep, box, fingers)
 
 
-def check_setpoints(task: Task, u: ArrayLike) -> Float[Array, " n"]:
+def check_setpoints(task: Task, u: Numbers) -> Float[Array, " n"]:
     """u as an array of JAX's default float type.
 
     Raises:

@@ -57,8 +57,8 @@ def load_result(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
       DamagedFileError: if it is not whole.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
         return arrays, json.loads(str(arrays.pop(_ATTRIBUTES)))
     except FileNotFoundError:
         raise

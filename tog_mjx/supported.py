@@ -85,4 +85,4 @@ def _unsupported_collisions(model: mujoco.MjModel, reason: str) -> Iterator[str]
 def _may_collide(model: mujoco.MjModel, geom1: int, geom2: int) -> bool:
     mask = model.geom_contype[geom1] & model.geom_conaffinity[geom2]
     mask |= model.geom_contype[geom2] & model.geom_conaffinity[geom1]
-    return bool(mask) and model.geom_bodyid[geom1] != model.geom_bodyid[geom2]
+    return bool(mask and model.geom_bodyid[geom1] != model.geom_bodyid[geom2])

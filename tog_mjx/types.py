@@ -1,10 +1,16 @@
 """Shapes, named once. Plane vectors are (x, z); F is the number of fingers and n = 2F that of setpoints."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from jax import Array
+from jax.typing import ArrayLike
 from jaxtyping import Float
 
 AnyArray = Array | np.ndarray
+Numbers = ArrayLike | Sequence[Any]
+"""What a caller may give where an array is made of it."""
 
 Scalar = Float[AnyArray, ""]
 Vector = Float[AnyArray, "2"]

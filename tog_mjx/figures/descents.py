@@ -37,7 +37,7 @@ def draw_descents(task: str, simulator: str, descents: Mapping[str, Descent]) ->
     return figure
 
 
-def _plot(axes: Axes, task: str, descents: Mapping[str, Descent], markersize: float = 4) -> None:
+def _plot(axes: Axes, task: str, descents: Mapping[str, Descent], markersize: float = 4.0) -> None:
     longest = max(len(descent.costs) for descent in descents.values())
     for method, descent in descents.items():
         trace = published(task, method)
@@ -52,7 +52,7 @@ def _plot(axes: Axes, task: str, descents: Mapping[str, Descent], markersize: fl
 
 def _add_inset(axes: Axes, task: str, descents: Mapping[str, Descent]) -> None:
     inset = axes.inset_axes((0.52, 0.3, 0.46, 0.36))
-    _plot(inset, task, descents, markersize=3)
+    _plot(inset, task, descents, markersize=3.0)
     longest = max(len(d.costs) for d in descents.values()) - 1
     limit = _INSET_ITERATIONS[task]
     if limit is not None:

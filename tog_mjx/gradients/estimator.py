@@ -4,7 +4,9 @@ from collections.abc import Callable
 
 from jaxtyping import Array, Float, Key
 
-Objective = Callable[[Float[Array, " n"]], Float[Array, ""]]
+from tog_mjx.types import Scalar
+
+Objective = Callable[[Float[Array, " n"]], Scalar]
 """J: decision variables to cost."""
 
 Estimator = Callable[[Key[Array, ""], Float[Array, " n"]], tuple[Float[Array, ""], Float[Array, " n"]]]

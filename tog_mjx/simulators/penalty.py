@@ -13,6 +13,7 @@ from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.contact import PenaltyLaw
@@ -40,7 +41,7 @@ class PenaltySimulator:
 
     @classmethod
     def from_scene(cls, scene: Scene, friction: str = "mujoco") -> "PenaltySimulator":
-        return cls(scene.physics, friction)
+        return cls(in_default_precision(scene.physics), friction)
 
     def init(self, box: Box, fingers: Fingers) -> PlanarState:
         return PlanarState(jnp.asarray(box, float), jnp.asarray(fingers, float))
@@ -101,6 +102,11 @@ class PenaltySimulator:
         """(f_n, f_t) of the chosen law; zero, with zero gradient, where the bodies are apart."""
         kernel = mujoco_limit_force if self.friction == "mujoco" else paper_force
         return jnp.where(distance < 0, kernel(law, -distance, normal_speed, tangential_speed), 0.0)
+
+
+def in_default_precision(physics: Physics) -> Physics:
+    """The same parameters with arrays of JAX's default float type; numbers stay Python's, and take any type."""
+    return jax.tree.map(lambda x: jnp.asarray(x, float) if isinstance(x, np.ndarray) else x, physics)
 
 
 def mujoco_limit_force(law: PenaltyLaw, penetration: Scalar, normal_speed: Scalar, tangential_speed: Scalar) -> Vector:

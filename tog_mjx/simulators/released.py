@@ -25,7 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from tog_mjx.scene import Physics, Scene
-from tog_mjx.simulators.penalty import PlanarState, cross, perpendicular, rotate
+from tog_mjx.simulators.penalty import PlanarState, cross, in_default_precision, perpendicular, rotate
 from tog_mjx.types import AnyArray, Box, Fingers, Scalar, Setpoints, Vector
 
 FINGER_DAMPING = 2.0
@@ -45,7 +45,7 @@ class ReleasedSimulator:
 
     @classmethod
     def from_scene(cls, scene: Scene) -> "ReleasedSimulator":
-        return cls(scene.physics)
+        return cls(in_default_precision(scene.physics))
 
     def init(self, box: Box, fingers: Fingers) -> PlanarState:
         box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
@@ -85,7 +85,7 @@ class ReleasedSimulator:
         around iteration 57, it leaves the solution.
         """
         boxes = jax.lax.optimization_barrier(jnp.tile(box, (others.shape[0], 1)))
-        return jax.lax.optimization_barrier(jax.vmap(contact)(boxes, jnp.asarray(others, box.dtype)))
+        return jax.lax.optimization_barrier(jax.vmap(contact)(boxes, others))
 
     def _normal_force(self, phi: Scalar, normal_speed: Scalar) -> Scalar:
         """The damped spring for phi <= 0; it may pull."""

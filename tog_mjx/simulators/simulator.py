@@ -10,7 +10,7 @@ A simulator knows no task. Its parameters are leaves of a pytree, so that a comp
 argument and differentiate with respect to them; its choices of law and differentiation are static.
 """
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from tog_mjx.errors import InputError
 from tog_mjx.scene import Scene
@@ -20,6 +20,7 @@ from tog_mjx.simulators.released import ReleasedSimulator
 from tog_mjx.types import Box, Fingers, Setpoints
 
 
+@runtime_checkable
 class Simulator(Protocol):
     """See the module's header."""
 

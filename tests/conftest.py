@@ -1,0 +1,79 @@
+"""Shared by all tests: float64, the compilation cache, and each simulator compiled once.
+
+Compilation is what these tests cost. A compiled function takes the simulator as an argument, so that switching a
+physical parameter does not compile again, and always the same number of setpoints.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from tog_mjx.console import enable_compilation_cache
+from tog_mjx.rollout import Trajectory, final_cost, trajectory
+from tog_mjx.simulators import Simulator
+from tog_mjx.tasks import Task, get_task
+
+jax.config.update("jax_enable_x64", True)
+enable_compilation_cache()
+# The first example of a test compiles; a machine's speed is no property of the code.
+settings.register_profile("tog_mjx", deadline=None, derandomize=True)
+settings.load_profile("tog_mjx")
+
+POINTS = 64
+
+
+class Compiled(NamedTuple):
+    """A task, random setpoints [POINTS, 2F] of its landscape window, and its functions of (simulator, setpoints)."""
+
+    task: Task
+    setpoints: jax.Array
+    motions: Callable[[Simulator, jax.Array], Trajectory]
+    gradients: Callable[[Simulator, jax.Array], jax.Array]
+
+
+@pytest.fixture(scope="session", params=["flip", "grasp"])
+def compiled(request) -> Compiled:
+    task = get_task(request.param)
+    low, high = np.array(task.window).T
+    points = np.random.default_rng(20).uniform(low, high, (POINTS, 2))
+
+    def gradient(simulator: Simulator, u: jax.Array) -> jax.Array:
+        return jax.jacfwd(lambda u: final_cost(task, simulator, u))(u)
+
+    return Compiled(
+        task,
+        jnp.array([task.expand(point) for point in jnp.array(points)]),
+        jax.jit(jax.vmap(lambda simulator, u: trajectory(task, simulator, u), (None, 0))),
+        jax.jit(jax.vmap(gradient, (None, 0))),
+    )
+
+
+def simulate_in_c(task: Task, u: np.ndarray, model: mujoco.MjModel | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities [T, 3 + 2F] of C MuJoCo, in the order of `Scene.joints`."""
+    model = model or task.scene.model
+    data = mujoco.MjData(model)
+    data.ctrl[task.scene.actuators] = u
+    states = [(data.qpos.copy(), data.qvel.copy())]
+    for _ in range(task.horizon - 1):
+        mujoco.mj_step(model, data)
+        states.append((data.qpos.copy(), data.qvel.copy()))
+    positions, velocities = (np.array(x)[:, task.scene.joints] for x in zip(*states, strict=True))
+    return positions, velocities
+
+
+def cost_in_c(task: Task, u: np.ndarray) -> float:
+    """J of C MuJoCo."""
+    positions, velocities = simulate_in_c(task, u)
+    return float(task.cost(jnp.concatenate([positions[-1, :3], velocities[-1, :3]])))
+
+
+def positions(motion: Trajectory) -> np.ndarray:
+    """Box (x, z) and fingers (x, z) of a batch of motions: [batch, T, 2 + 2F]."""
+    fingers = motion.fingers[..., :2]
+    return np.concatenate([motion.box[..., :2], fingers.reshape(*fingers.shape[:2], -1)], axis=-1)

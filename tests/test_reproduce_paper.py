@@ -1,0 +1,150 @@
+"""The main command: what it writes, what it keeps, and what it says of bad input."""
+
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tog_mjx import comparison
+from tog_mjx.comparison import Run
+from tog_mjx.console import run_main
+
+SCRIPT = Path(__file__).parent.parent / "scripts" / "reproduce_paper.py"
+QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2"]
+KEYS = [
+    "simulator",
+    "task",
+    "method",
+    "iterations",
+    "cost_first",
+    "cost_last",
+    "cost_best",
+    "best_iteration",
+    "setpoints_best",
+    "status",
+    "seconds_compile",
+    "seconds_run",
+]
+
+
+@pytest.fixture
+def script(monkeypatch, capsys):
+    """Runs the script in this process: arguments to (exit status, standard output, standard error)."""
+    spec = importlib.util.spec_from_file_location("reproduce_paper", SCRIPT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+    def run(*arguments) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", [str(SCRIPT), *map(str, arguments)])
+        status = 0
+        try:
+            run_main(module.main)
+        except SystemExit as end:
+            status = int(end.code or 0)
+        return status, *capsys.readouterr()
+
+    return run
+
+
+def test_it_writes_results_a_summary_and_a_figure_and_keeps_them(script, tmp_path):
+    status, said, _ = script(*QUICK, "--out", tmp_path)
+    assert status == 0
+    assert "flip exact        published   2.7594   0.0446   0.0429" in said
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert [(entry["simulator"], entry["task"], entry["method"]) for entry in summary] == [
+        ("penalty", "flip", "exact"),
+        ("penalty", "flip", "stochastic"),
+    ]
+    descent, settings = comparison.read(tmp_path / "penalty" / "flip" / "exact.npz")
+    assert list(summary[0]) == KEYS
+    assert summary[0]["cost_best"] == descent.costs.min()
+    assert summary[0]["setpoints_best"] == descent.setpoints[descent.best_iteration].tolist()
+    assert settings["step_size"] == 0.1
+    assert (tmp_path / "penalty" / "figure_3.png").stat().st_size > 10_000
+
+    times = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.npz")}
+    status, said, _ = script(*QUICK, "--out", tmp_path)
+    assert said.count("finished before, kept") == 2
+    assert times == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.npz")}
+
+    # Another simulator joins the picture; nothing of the first one is lost.
+    status, said, _ = script("--simulator", "released", *QUICK[2:], "--method", "exact", "--out", tmp_path)
+    assert len(json.loads((tmp_path / "summary.json").read_text())) == 3
+
+    script(*QUICK, "--out", tmp_path, "--method", "exact", "--force")
+    changed = {path.name for path, then in times.items() if path.stat().st_mtime_ns != then}
+    assert changed == {"exact.npz"}
+
+
+def test_the_results_are_those_of_the_library(script, tmp_path):
+    script(*QUICK, "--out", tmp_path, "--seed", 5)
+    run = Run("penalty", "flip", "stochastic", seed=5, iterations=2)
+    np.testing.assert_array_equal(comparison.load(run, tmp_path).setpoints, comparison.compute(run).setpoints)
+
+
+def test_a_damaged_result_is_told_and_computed_again(script, tmp_path):
+    script(*QUICK, "--method", "exact", "--out", tmp_path)
+    path = tmp_path / "penalty" / "flip" / "exact.npz"
+    whole = comparison.read(path)[0]
+    path.write_bytes(path.read_bytes()[:-200])
+    status, said, _ = script(*QUICK, "--method", "exact", "--out", tmp_path)
+    assert status == 0
+    assert "damaged result, computing it again" in said
+    assert str(path) in said
+    np.testing.assert_array_equal(comparison.read(path)[0].costs, whole.costs)
+
+
+def test_a_result_of_other_settings_is_not_replaced(script, tmp_path):
+    script(*QUICK, "--out", tmp_path)
+    before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+    status, _, complaint = script(*QUICK, "--out", tmp_path, "--seed", 1)
+    assert status == 2
+    assert "stochastic.npz was made with seed 0, not 1; choose another --out, or --force" in complaint
+    assert before == {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--task", "fly"], "invalid choice: 'fly'"),
+        (["--simulator", "mjx", "bullet"], "invalid choice: 'bullet'"),
+        (["--method", "guess"], "invalid choice: 'guess'"),
+        (["--iterations", "-3"], "-3 is negative"),
+        (["--seed", "-1"], "-1 is negative"),
+        (["--seed", "one"], "invalid int value: 'one'"),
+        (["--out", "/dev/null/results"], "cannot be written"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(script, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    status, said, complaint = script(*arguments)
+    assert (status, said) == (2, "")
+    assert message in complaint
+    assert complaint.startswith("reproduce_paper.py: ")
+    assert complaint.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_killed_in_the_middle_it_starts_again_cleanly(tmp_path):
+    command = [sys.executable, SCRIPT, *QUICK[:4], "--method", "stochastic", "--out", tmp_path, "--iterations"]
+    environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen([*command, "10000000"], stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        assert "compiling" in process.stdout.readline()
+        time.sleep(3)
+        process.send_signal(signal.SIGKILL)
+    assert not list(tmp_path.rglob("*.npz"))
+    done = subprocess.run([*command, "2"], capture_output=True, text=True, check=True)
+    assert "iterations exhausted" in done.stdout
+    assert done.stderr == ""
+    files = [str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()]
+    assert sorted(files) == ["penalty/figure_3.png", "penalty/flip/stochastic.npz", "summary.json"]

@@ -1,0 +1,82 @@
+"""The road from setpoints to a trajectory and a cost."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import tog_mjx as tog
+
+
+@pytest.mark.parametrize("simulator", ["penalty", "released", "mjx"])
+def test_a_rollout_starts_at_the_start_and_ends_with_the_cost(simulator):
+    task = tog.get_task("flip")
+    motion = tog.rollout("flip", task.initial_guess, simulator)
+    assert (motion.time.shape, motion.box.shape, motion.fingers.shape) == ((600,), (600, 6), (600, 1, 4))
+    np.testing.assert_allclose(np.asarray(motion.time)[[0, -1]], [0, 0.599])
+    np.testing.assert_array_equal(motion.box[0], task.start[0])
+    cost = tog.objective("flip", simulator)(task.initial_guess)
+    np.testing.assert_allclose(cost, motion.box[-1, 0] ** 2 + motion.box[-1, 2] ** 2, rtol=1e-12)
+
+
+def test_the_grasps_cost_is_the_papers():
+    motion = tog.rollout("grasp", [-0.1, 0.4, 0.1, 0.5], "penalty")
+    x, z, theta, vx, vz, omega = np.asarray(motion.box[-1])
+    expected = (z - 1) ** 2 + 0.1 * (x**2 + theta**2 + vx**2 + vz**2 + omega**2)
+    np.testing.assert_allclose(tog.objective("grasp", "penalty")([-0.1, 0.4, 0.1, 0.5]), expected, rtol=1e-12)
+
+
+def test_the_objective_composes_with_jit_vmap_and_grad():
+    objective = tog.objective("flip", "penalty")
+    us = jnp.array([[0.0, 0.25], [0.2, 0.6]])
+    one_by_one = [jax.grad(objective)(u) for u in us]
+    np.testing.assert_allclose(jax.jit(jax.vmap(jax.grad(objective)))(us), one_by_one, rtol=1e-9)
+    np.testing.assert_allclose(jax.jacfwd(objective)(us[0]), one_by_one[0], rtol=1e-9)
+
+
+def test_precision_follows_the_flag():
+    with jax.enable_x64(False):
+        assert tog.rollout("flip", [0.0, 0.25], "penalty").box.dtype == jnp.float32
+    assert tog.rollout("flip", [0.0, 0.25], "penalty").box.dtype == jnp.float64
+
+
+def test_mirrored_setpoints_give_mirrored_motions():
+    # The grasp's scene is its own mirror image: exchange the fingers and the sign of x and theta.
+    u = np.array([-0.1, 0.4, 0.15, 0.5])
+    mirror = np.array([-u[2], u[3], -u[0], u[1]])
+    one, other = (tog.rollout("grasp", v, "penalty") for v in (u, mirror))
+    np.testing.assert_allclose(one.box, other.box * np.array([-1, 1, -1, -1, 1, -1]), atol=1e-9)
+    np.testing.assert_allclose(one.fingers, other.fingers[:, ::-1] * np.array([-1, 1, -1, 1]), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("u", "message"),
+    [
+        ([0.0], r"shape \[1\]; flip takes \[2\]"),
+        ([[0.0, 0.25]], r"shape \[1, 2\]"),
+        ([0.0, float("nan")], "not finite"),
+        ([0.0, float("inf")], "not finite"),
+        (["here", "there"], "not numbers"),
+    ],
+)
+@pytest.mark.parametrize(
+    "road", [lambda u: tog.rollout("flip", u, "penalty"), lambda u: tog.objective("flip", "penalty")(u)]
+)
+def test_bad_setpoints_are_one_line(road, u, message):
+    with pytest.raises(tog.InputError, match=message) as caught:
+        road(u)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("task", "simulator", "options", "message"),
+    [
+        ("fly", "mjx", {}, "task 'fly' is unknown; choose from flip, grasp"),
+        ("flip", "bullet", {}, "simulator 'bullet' is unknown; choose from mjx, penalty, released"),
+        ("flip", "mjx", {"friction": "paper"}, "no option 'friction'; it takes differentiation"),
+        ("flip", "penalty", {"friction": "none"}, "friction='none' is unknown; choose from mujoco, paper"),
+    ],
+)
+def test_unknown_names_are_one_line(task, simulator, options, message):
+    with pytest.raises(tog.InputError, match=message):
+        tog.objective(task, simulator, **options)

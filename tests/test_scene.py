@@ -1,0 +1,116 @@
+"""The scenes say what the paper says, and a scene that cannot be used is told in one line."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from tog_mjx.errors import InputError
+from tog_mjx.scene import load_scene, scene_names, scene_path
+from tog_mjx.tasks import get_task
+
+SPHERE = '<body><freejoint/><geom name="ball" size="0.1"/></body>'
+
+
+def test_scenes_are_found_by_name_and_by_path():
+    assert scene_names() == ["flip", "grasp"]
+    path = scene_path("flip")
+    assert load_scene(path).model.nq == load_scene("flip").model.nq == 5
+
+
+@pytest.mark.parametrize("name", ["flip", "grasp"])
+def test_coordinates_are_world_coordinates(name):
+    scene = load_scene(name)
+    data = mujoco.MjData(scene.model)
+    data.qpos[scene.joints] += np.linspace(0.1, 0.7, len(scene.joints))
+    mujoco.mj_forward(scene.model, data)
+    x, z, theta = data.qpos[scene.joints[:3]]
+    np.testing.assert_allclose(data.body("box").xpos[[0, 2]], [x, z], atol=1e-12)
+    up = data.body("box").xmat.reshape(3, 3)[:, 2]
+    np.testing.assert_allclose(up[[0, 2]], [-np.sin(theta), np.cos(theta)], atol=1e-12)
+    for i, finger in enumerate(scene.fingers):
+        np.testing.assert_allclose(data.body(finger).xpos[[0, 2]], data.qpos[scene.joints[3 + 2 * i :][:2]], atol=1e-12)
+
+
+def test_start_and_guess_are_the_papers():
+    radius = 0.02
+    box, fingers = get_task("flip").start
+    np.testing.assert_array_equal(box, [-1, 0.25, np.pi / 2, 0, 0, 0])
+    np.testing.assert_allclose(fingers, [[-1.25 - radius, 0.4, 0, 0]])
+    np.testing.assert_array_equal(get_task("flip").initial_guess, [0, 0.25])
+    box, fingers = get_task("grasp").start
+    np.testing.assert_array_equal(box, [0, 0.25, 0, 0, 0, 0])
+    np.testing.assert_allclose(fingers, [[-0.3 - radius, 0.25, 0, 0], [0.3 + radius, 0.25, 0, 0]])
+    np.testing.assert_array_equal(get_task("grasp").initial_guess, [-0.05, 0.25, 0.05, 0.25])
+
+
+@pytest.mark.parametrize(("name", "stiffness"), [("flip", 10), ("grasp", 40)])
+def test_physics_is_the_papers(name, stiffness):
+    p = load_scene(name).physics
+    assert (p.gravity, p.timestep, p.box_mass, p.finger_mass) == (9.81, 0.001, 1, 0.1)
+    np.testing.assert_allclose(p.box_inertia, p.box_mass * 0.5**2 / 6, rtol=1e-12)
+    np.testing.assert_array_equal(p.box_half, [0.25, 0.25])
+    np.testing.assert_array_equal(np.abs(p.corners), np.full((4, 2), 0.25))
+    assert len({tuple(np.sign(corner)) for corner in p.corners}) == 4
+    assert p.finger_stiffness == stiffness
+    np.testing.assert_allclose(p.finger_damping, 2 * np.sqrt(0.1 * stiffness), rtol=1e-12)
+    for law in (p.corner_floor, p.finger_floor, p.finger_box):
+        assert (law.stiffness, law.friction, law.slope) == (1000, 0.7, 2)
+        np.testing.assert_allclose(law.damping, 2 * np.sqrt(1000), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("xml", "message"),
+    [
+        ("<mujoco><worldbody><geo/></worldbody></mujoco>", "unrecognized element"),
+        ("<mujoco><worldbody>", "XML"),
+        (
+            f'<mujoco><option integrator="implicit"/><worldbody>{SPHERE}</worldbody></mujoco>',
+            "<option integrator='implicit'>",
+        ),
+        (f'<mujoco><option solver="PGS"/><worldbody>{SPHERE}</worldbody></mujoco>', "<option solver='pgs'>"),
+        (
+            '<mujoco><worldbody><geom name="wall" type="cylinder" size="1 1"/>'
+            '<body><freejoint/><geom name="crate" type="box" size="1 1 1"/></body></worldbody></mujoco>',
+            "geom 'crate' (box)",
+        ),
+        (
+            f'<mujoco><worldbody>{SPHERE}</worldbody><sensor><user name="mine" dim="1"/></sensor></mujoco>',
+            "sensor mine (type user)",
+        ),
+        (
+            '<mujoco><worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody>'
+            '<actuator><plugin name="p" joint="j" plugin="mujoco.pid"/></actuator></mujoco>',
+            "plugin",
+        ),
+    ],
+)
+def test_an_unusable_scene_is_one_line_that_names_the_element(tmp_path, xml, message):
+    path = tmp_path / "scene.xml"
+    path.write_text(xml)
+    with pytest.raises(InputError) as caught:
+        load_scene(path)
+    line = str(caught.value)
+    assert message.lower() in line.lower()
+    assert line.startswith(str(path))
+    assert "\n" not in line
+
+
+def test_a_missing_scene_names_the_known_ones():
+    with pytest.raises(InputError, match=r"nowhere\.xml.*flip, grasp"):
+        load_scene("nowhere.xml")
+
+
+def test_a_scene_without_the_planar_parts_says_which_is_missing(tmp_path):
+    path = tmp_path / "ball.xml"
+    path.write_text(f"<mujoco><worldbody>{SPHERE}</worldbody></mujoco>")
+    with pytest.raises(InputError, match="no body named box"):
+        _ = load_scene(path).physics
+
+
+def test_fingers_that_differ_are_refused(tmp_path):
+    spec = mujoco.MjSpec.from_file(str(scene_path("grasp")))
+    spec.geom("finger2").mass = 0.2
+    path = tmp_path / "uneven.xml"
+    path.write_text(spec.to_xml())
+    with pytest.raises(InputError, match="differ in mass"):
+        _ = load_scene(path).physics

@@ -1,0 +1,73 @@
+"""Files are written whole or not at all, and damage is found."""
+
+import numpy as np
+import pytest
+
+from tog_mjx.errors import InputError
+from tog_mjx.storage import DamagedFileError, atomic_write, load_result, save_json, save_result
+
+ARRAYS = {"costs": np.linspace(0, 1, 500), "setpoints": np.arange(6.0).reshape(3, 2)}
+
+
+@pytest.fixture
+def saved(tmp_path):
+    path = tmp_path / "deep" / "result.npz"
+    save_result(path, ARRAYS, {"seed": 3, "nested": {"a": [1, 2]}})
+    return path
+
+
+def test_there_and_back(saved):
+    arrays, attributes = load_result(saved)
+    assert attributes == {"seed": 3, "nested": {"a": [1, 2]}}
+    for name, array in ARRAYS.items():
+        np.testing.assert_array_equal(arrays[name], array)
+    assert [p.name for p in saved.parent.iterdir()] == ["result.npz"]
+
+
+@pytest.mark.parametrize("keep", [0, 10, 0.5, 0.99])
+def test_a_truncated_file_is_damaged(saved, keep):
+    content = saved.read_bytes()
+    saved.write_bytes(content[: int(keep if keep >= 1 else keep * len(content))])
+    with pytest.raises(DamagedFileError, match=r"result\.npz"):
+        load_result(saved)
+
+
+def test_a_flipped_bit_in_an_array_is_damage(saved):
+    content = bytearray(saved.read_bytes())
+    content[content.index(ARRAYS["costs"].tobytes()) + 100] ^= 1
+    saved.write_bytes(content)
+    with pytest.raises(DamagedFileError, match="CRC"):
+        load_result(saved)
+
+
+def test_another_programs_file_is_damaged(tmp_path):
+    path = tmp_path / "other.npz"
+    np.savez(path, x=np.zeros(2))
+    with pytest.raises(DamagedFileError, match="attributes"):
+        load_result(path)
+
+
+def test_an_interrupted_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "file"
+    path.write_bytes(b"old")
+
+    def interrupted():
+        with atomic_write(path) as file:
+            file.write(b"new, but only ha")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        interrupted()
+    assert path.read_bytes() == b"old"
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):
+    (tmp_path / "file").write_text("not a folder")
+    with pytest.raises(InputError, match="cannot be written"):
+        save_json(tmp_path / "file" / "summary.json", [])
+    assert (tmp_path / "file").read_text() == "not a folder"
+
+
+def test_json_holds_no_nan(tmp_path):
+    with pytest.raises(ValueError, match="JSON compliant"):
+        save_json(tmp_path / "x.json", [float("nan")])
