@@ -4,6 +4,8 @@ Runs every simulator, task and method asked for with the settings of the paper's
 file, and prints this run beside the published numbers. A finished run is read, not repeated.
 """
 
+import errno
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +17,13 @@ from tog_mjx import comparison
 from tog_mjx.comparison import METHODS, Run
 from tog_mjx.console import ArgumentParser, Work, run_main
 from tog_mjx.descent import Descent
+from tog_mjx.errors import InputError
 from tog_mjx.figures import draw_descents
 from tog_mjx.figures.descents import FIGURE_NUMBER
 from tog_mjx.figures.style import save_figure
 from tog_mjx.published import published
 from tog_mjx.simulators import SIMULATORS
-from tog_mjx.storage import DamagedFileError, atomic_write, save_json
+from tog_mjx.storage import DamagedFileError, save_json
 from tog_mjx.tasks import TASKS
 
 
@@ -31,7 +34,7 @@ def main() -> None:
     runs = comparison.all_runs(args.simulator, tasks, args.method, args.seed, args.iterations)
     check_writable(args.out)
 
-    finished = set() if args.force else find_finished(runs, args.out, console)
+    finished = [] if args.force else find_finished(runs, args.out, console)
     for i, run in enumerate(runs, 1):
         position = f"[{i}/{len(runs)}] {label(run)}"
         if run in finished:
@@ -39,14 +42,18 @@ def main() -> None:
         else:
             execute(run, position, args.out, console)
 
-    # Earlier runs in the folder belong to the picture, also those that were not asked for this time.
-    descents = comparison.read_all(args.out)
+    # Runs of the same settings that were not asked for this time belong to the picture too.
+    everything = comparison.all_runs(list(SIMULATORS), list(TASKS), list(METHODS), args.seed, args.iterations)
+    descents = {
+        run: comparison.load(run, args.out) for run in find_finished(everything, args.out, console, strict=False)
+    }
     save_json(args.out / "summary.json", [comparison.summarise(run, descent) for run, descent in descents.items()])
     figures = draw_figures(descents, args.out)
     console.print(closing_table(descents))
     for run, deviation in deviations(descents).items():
         console.print(f"{label(run)}: largest difference from the published trace {deviation:.1e}")
-    console.print(f"Results and summary.json are in {args.out}; figures: {', '.join(map(str, figures))}")
+    written = ", ".join(map(str, figures))
+    console.print(f"Results and summary.json are in {args.out}; figures: {written}", markup=False)
 
 
 def parse_arguments():
@@ -67,23 +74,34 @@ def parse_arguments():
 
 def check_writable(out: Path) -> None:
     """Fails before the work, not after it."""
-    probe = out / ".writable"
-    with atomic_write(probe):
-        pass
-    probe.unlink()
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=out).close()
+        if (out / "summary.json").is_dir():
+            raise IsADirectoryError(errno.EISDIR, "its summary.json is a folder")
+    except OSError as error:
+        raise InputError(f"--out {out} cannot be written ({error.strerror}); choose another folder") from None
 
 
-def find_finished(runs: list[Run], out: Path, console: Console) -> set[Run]:
-    """The runs whose results are there. A damaged one is told, and left to be computed again."""
-    finished = set()
+def find_finished(runs: list[Run], out: Path, console: Console, strict: bool = True) -> list[Run]:
+    """The runs whose results are there.
+
+    A damaged result is told and left out. One of other settings is refused if `strict`, else told and left out.
+    """
+    finished = []
     for run in runs:
         try:
             comparison.load(run, out)
-            finished.add(run)
+            finished.append(run)
         except FileNotFoundError:
             continue
         except DamagedFileError as error:
-            console.print(f"damaged result, computing it again: {error}", style="yellow", markup=False)
+            what = "computing it again" if strict else "left out"
+            console.print(f"damaged result, {what}: {error}", style="yellow", markup=False)
+        except InputError as error:
+            if strict:
+                raise
+            console.print(f"left out: {error}", style="yellow", markup=False)
     return finished
 
 

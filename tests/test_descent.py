@@ -93,6 +93,11 @@ def test_no_iterations_evaluate_the_guess():
     ("start", "settings", "message"),
     [
         ([1.0], {"iterations": -1}, "iterations is -1"),
+        ([1.0], {"iterations": 10**12}, "whole number from 0 to"),
+        ([1.0], {"tolerance": float("nan")}, "tolerance is nan"),
+        (1.0, {}, r"shape \(\); give a vector"),
+        ([[1.0]], {}, r"shape \(1, 1\)"),
+        (["a"], {}, "not numbers"),
         ([1.0], {"step_size": 0.0}, "step_size is 0"),
         ([1.0], {"step_size": float("nan")}, "step_size is nan"),
         ([float("nan")], {}, "initial guess is nan"),

@@ -1,6 +1,7 @@
 """MJX is MuJoCo, and its gradient is the derivative of its value."""
 
 import copy
+import dataclasses
 
 import jax
 import jax.numpy as jnp
@@ -12,8 +13,9 @@ from jax.test_util import check_grads
 from states import KINDS, draw_state
 
 from tog_mjx import implicit
-from tog_mjx._mjx import mjx
-from tog_mjx.rollout import final_cost
+from tog_mjx._mjx import check_version, mjx
+from tog_mjx.rollout import final_cost, rollout, trajectory
+from tog_mjx.scene import load_scene, scene_path
 from tog_mjx.simulators import MjxSimulator, make_simulator
 from tog_mjx.tasks import get_task
 
@@ -41,6 +43,20 @@ def test_the_solver_has_converged(name):
     for point in np.random.default_rng(5).uniform(low, high, (16, 2)):
         u = np.asarray(task.expand(jnp.array(point)))
         np.testing.assert_allclose(simulate_in_c(task, u)[0], simulate_in_c(task, u, doubled)[0], rtol=0, atol=1e-10)
+
+
+def test_mjxs_solver_has_converged_too():
+    task = get_task("grasp")
+    simulator = make_simulator("mjx", task.scene)
+    assert isinstance(simulator, MjxSimulator)
+    option = simulator.model.opt
+    more = option.replace(iterations=2 * option.iterations, ls_iterations=2 * option.ls_iterations)
+    doubled = dataclasses.replace(simulator, model=simulator.model.replace(opt=more))
+    low, high = np.array(task.window).T
+    points = np.random.default_rng(5).uniform(low, high, (16, 2))
+    setpoints = jnp.array([task.expand(point) for point in jnp.array(points)])
+    motion = jax.jit(jax.vmap(lambda simulator, u: trajectory(task, simulator, u), (None, 0)))
+    np.testing.assert_allclose(motion(doubled, setpoints).box, motion(simulator, setpoints).box, rtol=0, atol=1e-10)
 
 
 @pytest.fixture(scope="module")
@@ -151,10 +167,42 @@ def test_a_simulator_made_under_another_precision_is_told():
         simulator.init(*scene.start)
 
 
-def test_an_integrator_that_solves_inside_is_refused():
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><option integrator="RK4"/><worldbody><body><freejoint/><geom size="1"/></body></worldbody></mujoco>'
-    )
-    mjx_model = mjx.put_model(model)
-    with pytest.raises(ValueError, match="RK4 is not supported"):
-        implicit.step(mjx_model, mjx.make_data(mjx_model))
+def test_actuators_keep_their_activation(tmp_path):
+    # A servo behind a low-pass filter: its state is part of the motion.
+    spec = mujoco.MjSpec.from_file(str(scene_path("flip")))
+    for actuator in spec.actuators:
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTER
+        actuator.dynprm[0] = 0.05
+    path = tmp_path / "filtered.xml"
+    path.write_text(spec.to_xml())
+    task = dataclasses.replace(get_task("flip"), scene=load_scene(path), horizon=100)
+    u = np.array([0.1, 0.4])
+    motion = rollout(task, u, "mjx")
+    expected, _ = simulate_in_c(task, u)
+    np.testing.assert_allclose(motion.box[:, :3], expected[:, :3], rtol=0, atol=1e-9)
+    assert np.abs(motion.box[-1, :3] - rollout("flip", u, "mjx").box[99, :3]).max() > 1e-3
+
+
+def test_the_cost_jumps_where_a_touch_moves_to_another_time_step():
+    # At the paper's own initial guess a difference of 1e-7 m sees the derivative, one of 1e-6 m a jump.
+    task = get_task("flip")
+    u = task.initial_guess
+
+    def difference(h):
+        step = np.array([h, 0])
+        return (cost_in_c(task, u + step) - cost_in_c(task, u - step)) / (2 * h)
+
+    np.testing.assert_allclose(difference(1e-7), difference(1e-8), rtol=1e-5)
+    assert abs(difference(1e-6) - difference(1e-7)) > 10
+
+
+def test_a_model_of_another_implementation_is_refused():
+    model = mjx.put_model(SCENE.model, impl="cpp")
+    with pytest.raises(ValueError, match=r"on MJX's cpp implementation.*impl=\"jax\""):
+        implicit.step(model, mjx.make_data(mjx.put_model(SCENE.model)))
+
+
+@pytest.mark.parametrize("version", ["3.16.4", "4.0.0", "2.3"])
+def test_another_version_of_mjx_fails_loudly(version):
+    with pytest.raises(ImportError, match=rf"mujoco-mjx {version} is installed, tog_mjx needs >=3\.17,<4\.0"):
+        check_version(version)

@@ -10,7 +10,8 @@ from jax.test_util import check_grads
 from states import KINDS, draw_state
 
 from tog_mjx.contact import PenaltyLaw
-from tog_mjx.simulators import PenaltySimulator
+from tog_mjx.rollout import final_cost
+from tog_mjx.simulators import PenaltySimulator, make_simulator
 from tog_mjx.simulators.penalty import box_distance, mujoco_limit_force, paper_force
 from tog_mjx.tasks import get_task
 
@@ -147,3 +148,22 @@ def test_the_drawn_states_are_what_they_are_called():
                 assert 0 < tangential < 0.69 * normal
             else:
                 np.testing.assert_allclose(tangential, 0.7 * normal)
+
+
+@pytest.mark.parametrize("friction", ["mujoco", "paper"])
+@pytest.mark.parametrize("name", ["flip", "grasp"])
+def test_the_horizons_gradient_is_that_of_differences(name, friction):
+    task = get_task(name)
+    simulator = make_simulator("penalty", task.scene, friction=friction)
+    low, high = np.array(task.window).T
+    points = np.random.default_rng(4).uniform(low, high, (12, 2))
+    setpoints = jnp.array([task.expand(point) for point in jnp.array(points)])
+    cost = jax.jit(jax.vmap(lambda u: final_cost(task, simulator, u)))
+    value, along = jax.jit(jax.vmap(jax.value_and_grad(lambda u: final_cost(task, simulator, u))))(setpoints)
+    # The mode of differentiation changes no value.
+    np.testing.assert_allclose(value, cost(setpoints), rtol=1e-13)
+    h = 1e-8
+    columns = [(cost(setpoints + h * e) - cost(setpoints - h * e)) / (2 * h) for e in np.eye(setpoints.shape[1])]
+    differences = np.stack(columns, 1)
+    scale = 1 + np.abs(differences).max(1, keepdims=True)
+    assert (np.abs(along - differences) <= 1e-4 * scale).all()

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
+from tog_mjx.rollout import _compile
 
 
 @pytest.mark.parametrize("simulator", ["penalty", "released", "mjx"])
@@ -34,7 +35,23 @@ def test_the_objective_composes_with_jit_vmap_and_grad():
     np.testing.assert_allclose(jax.jacfwd(objective)(us[0]), one_by_one[0], rtol=1e-9)
 
 
+def test_inside_jit_first_and_then_alone():
+    inside = jax.jit(lambda u: tog.rollout("grasp", u, "released").box[-1])(jnp.array([-0.1, 0.4, 0.1, 0.5]))
+    np.testing.assert_allclose(tog.rollout("grasp", [-0.1, 0.4, 0.1, 0.5], "released").box[-1], inside, rtol=1e-9)
+
+
+def test_an_equal_objective_does_not_compile_again():
+    tog.objective("grasp", "penalty", friction="paper")([-0.1, 0.4, 0.1, 0.5])
+    compiled = _compile.cache_info().misses
+    tog.objective("grasp", "penalty", friction="paper")([0.0, 0.4, 0.0, 0.5])
+    assert _compile.cache_info().misses == compiled
+
+
 def test_precision_follows_the_flag():
+    objective = tog.objective("flip", "penalty")
+    with jax.enable_x64(False):
+        assert objective([0.0, 0.25]).dtype == jnp.float32
+    assert objective([0.0, 0.25]).dtype == jnp.float64
     with jax.enable_x64(False):
         assert tog.rollout("flip", [0.0, 0.25], "penalty").box.dtype == jnp.float32
     assert tog.rollout("flip", [0.0, 0.25], "penalty").box.dtype == jnp.float64

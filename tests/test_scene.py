@@ -71,17 +71,38 @@ def test_physics_is_the_papers(name, stiffness):
         (
             '<mujoco><worldbody><geom name="wall" type="cylinder" size="1 1"/>'
             '<body><freejoint/><geom name="crate" type="box" size="1 1 1"/></body></worldbody></mujoco>',
-            "geom 'crate' (box)",
+            "the collision of geom wall (cylinder) with geom crate (box)",
         ),
         (
             f'<mujoco><worldbody>{SPHERE}</worldbody><sensor><user name="mine" dim="1"/></sensor></mujoco>',
             "sensor mine (type user)",
         ),
         (
-            '<mujoco><worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody>'
-            '<actuator><plugin name="p" joint="j" plugin="mujoco.pid"/></actuator></mujoco>',
-            "plugin",
+            '<mujoco><worldbody><geom name="a" type="box" size="1 1 1"/><geom name="pole" type="cylinder" size="1 1"/>'
+            '<body><freejoint/><geom name="b" type="box" size="1 1 1"/></body></worldbody></mujoco>',
+            "the collision of geom pole (cylinder) with geom b (box)",
         ),
+        (
+            f'<mujoco><option><flag energy="enable"/></option><worldbody>{SPHERE}</worldbody></mujoco>',
+            "<flag energy='enable'>",
+        ),
+        (
+            f'<mujoco><worldbody>{SPHERE}</worldbody><sensor><contact name="touch" body1="world"/></sensor></mujoco>',
+            "sensor touch",
+        ),
+        (f'<mujoco><option noslip_iterations="3"/><worldbody>{SPHERE}</worldbody></mujoco>', "noslip_iterations='3'"),
+        (
+            '<mujoco><extension><plugin plugin="mujoco.pid"><instance name="mine"/></plugin></extension><worldbody>'
+            '<body><joint name="j"/><geom size="0.1"/></body></worldbody>'
+            '<actuator><plugin name="p" joint="j" instance="mine"/></actuator></mujoco>',
+            "plugin mine",
+        ),
+        (
+            '<mujoco><worldbody><flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" radius="0.01" '
+            'dim="2" mass="1"/></worldbody></mujoco>',
+            "flex cloth",
+        ),
+        (f'<mujoco><option timestep="0"/><worldbody>{SPHERE}</worldbody></mujoco>', "timestep"),
     ],
 )
 def test_an_unusable_scene_is_one_line_that_names_the_element(tmp_path, xml, message):
@@ -114,3 +135,24 @@ def test_fingers_that_differ_are_refused(tmp_path):
     path.write_text(spec.to_xml())
     with pytest.raises(InputError, match="differ in mass"):
         _ = load_scene(path).physics
+
+
+def test_a_box_without_corners_on_the_floor_is_refused(tmp_path):
+    spec = mujoco.MjSpec.from_file(str(scene_path("flip")))
+    for pair in [pair for pair in spec.pairs if pair.name.startswith("corner")]:
+        spec.delete(pair)
+    path = tmp_path / "bare.xml"
+    path.write_text(spec.to_xml())
+    with pytest.raises(InputError, match="no <contact><pair> of a sphere of the box"):
+        _ = load_scene(path).physics
+
+
+def test_the_inertia_is_that_about_the_hinge(tmp_path):
+    # Two weights beside the box, on its diagonal: the principal axes are no longer the box's.
+    spec = mujoco.MjSpec.from_file(str(scene_path("flip")))
+    for sign in (1, -1):
+        spec.body("box").add_geom(size=[0.05, 0, 0], pos=[0.2 * sign, 0.1 * sign, 0], mass=1)
+    path = tmp_path / "heavy.xml"
+    path.write_text(spec.to_xml())
+    balls = 2 * (2 / 5 * 0.05**2 + 0.2**2)
+    np.testing.assert_allclose(load_scene(path).physics.box_inertia, 0.5**2 / 6 + balls, rtol=1e-9)

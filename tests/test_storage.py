@@ -1,5 +1,7 @@
 """Files are written whole or not at all, and damage is found."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -71,3 +73,18 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):
 def test_json_holds_no_nan(tmp_path):
     with pytest.raises(ValueError, match="JSON compliant"):
         save_json(tmp_path / "x.json", [float("nan")])
+
+
+def test_two_writers_of_one_file_do_not_mix(tmp_path):
+    path = tmp_path / "shared.npz"
+
+    def write(value):
+        for _ in range(40):
+            save_result(path, {"x": np.full(5000, value)}, {"value": value})
+            arrays, attributes = load_result(path)
+            assert (arrays["x"] == attributes["value"]).all()
+
+    with ThreadPoolExecutor(2) as pool:
+        for done in [pool.submit(write, value) for value in (1, 2)]:
+            done.result()
+    assert [p.name for p in tmp_path.iterdir()] == ["shared.npz"]

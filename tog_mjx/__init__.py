@@ -7,6 +7,7 @@ from tog_mjx.rollout import objective as objective
 from tog_mjx.rollout import rollout as rollout
 from tog_mjx.scene import Scene as Scene
 from tog_mjx.scene import load_scene as load_scene
+from tog_mjx.simulate import simulate as simulate
 from tog_mjx.simulators import make_simulator as make_simulator
 from tog_mjx.tasks import Task as Task
 from tog_mjx.tasks import get_task as get_task

@@ -6,7 +6,9 @@ again.
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
+import importlib.metadata
 import itertools
 from collections.abc import Callable
 from pathlib import Path
@@ -20,7 +22,6 @@ from tog_mjx.descent import Descent, Status, descend
 from tog_mjx.errors import InputError
 from tog_mjx.gradients import exact, stochastic
 from tog_mjx.rollout import objective
-from tog_mjx.simulators import SIMULATORS
 from tog_mjx.storage import DamagedFileError, load_result, save_result
 from tog_mjx.tasks import TASKS, Rule, Task, get_task
 
@@ -57,6 +58,7 @@ class Run:
             **self.rule._asdict(),
             "horizon": task.horizon,
             "scene": scene_digest(task),
+            "program": program_digest(),
             "precision": "float32" if self.simulator == "released" else "float64",
         }
 
@@ -103,7 +105,8 @@ def load(run: Run, out: Path) -> Descent:
     descent, settings = read(run.path(out))
     for name, wanted in run.settings().items():
         if settings.get(name) != wanted:
-            found = f"{name} {settings.get(name)}, not {wanted}" if name != "scene" else "another version of the scene"
+            is_digest = name in ("scene", "program")
+            found = f"another version of the {name}" if is_digest else f"{name} {settings.get(name)}, not {wanted}"
             raise InputError(f"{run.path(out)} was made with {found}; choose another --out, or --force to replace it")
     return descent
 
@@ -115,19 +118,19 @@ def read(path: Path) -> tuple[Descent, dict[str, Any]]:
       FileNotFoundError, DamagedFileError: if there is none, or not a whole one.
     """
     arrays, attributes = load_result(path)
-    settings = attributes.pop("settings")
-    fields: dict[str, Any] = {**arrays, **attributes, "status": Status(attributes["status"])}
-    return Descent(**fields), settings
-
-
-def read_all(out: Path) -> dict[Run, Descent]:
-    """Every undamaged result in a folder, in the order of `all_runs`."""
-    found = {}
-    for run in all_runs(list(SIMULATORS), list(TASKS), list(METHODS)):
-        with contextlib.suppress(FileNotFoundError, DamagedFileError):
-            descent, settings = read(run.path(out))
-            found[dataclasses.replace(run, seed=settings["seed"] or 0, iterations=settings["iterations"])] = descent
-    return found
+    try:
+        costs, setpoints, gradients = (np.asarray(arrays[name], float) for name in ("costs", "setpoints", "gradients"))
+        if not (costs.ndim == 1 and costs.size and np.isfinite(costs).all()):
+            raise ValueError("costs are not one finite number an iterate")
+        if not (setpoints.ndim == 2 and setpoints.shape == gradients.shape and len(setpoints) == len(costs)):
+            raise ValueError("setpoints and gradients are not one row an iterate")
+        seconds = float(attributes["seconds_compile"]), float(attributes["seconds_run"])
+        settings = dict(attributes["settings"].items())
+        kept = (arrays[name] for name in ("costs", "setpoints", "gradients"))
+        fields: list[Any] = [*kept, Status(attributes["status"]), *seconds]
+        return Descent(*fields), settings
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise DamagedFileError(f"{path}: {error}") from None
 
 
 def summarise(run: Run, descent: Descent) -> dict[str, Any]:
@@ -157,6 +160,17 @@ def scene_digest(task: Task) -> str:
     return hashlib.sha256(binary.tobytes()).hexdigest()
 
 
+@functools.cache
+def program_digest() -> str:
+    """SHA-256 of this package's code and of the versions of the libraries that compute."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    for library in ("jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy"):
+        digest.update(f"{library}=={importlib.metadata.version(library)}".encode())
+    return digest.hexdigest()
+
+
 @contextlib.contextmanager
 def _conditions(simulator: str):
     """The precision and the random stream of a simulator's runs; JAX's settings are restored afterwards."""
@@ -171,7 +185,8 @@ def all_runs(
     simulators: list[str], tasks: list[str], methods: list[str], seed: int = 0, iterations: int | None = None
 ) -> list[Run]:
     """Every combination, once, the quick simulators first."""
-    chosen = itertools.product(reversed(SIMULATORS), TASKS, METHODS)
+    quick_first = ("released", "penalty", "mjx")
+    chosen = itertools.product(quick_first, TASKS, METHODS)
     return [
         Run(simulator, task, method, seed, iterations)
         for simulator, task, method in chosen

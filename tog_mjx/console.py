@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -45,11 +46,19 @@ def run_main(main: Callable[[], None]) -> None:
 
 def enable_compilation_cache() -> None:
     """Keeps compiled functions on disk, so that a second start need not compile. JAX_COMPILATION_CACHE_DIR wins."""
-    folder = os.environ.get(CACHE_VARIABLE)
-    if folder == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+    wish = os.environ.get(CACHE_VARIABLE)
+    if wish == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    jax.config.update("jax_compilation_cache_dir", folder or str(root / "tog_mjx"))
+    root = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 (Path.home() may raise)
+    folder = Path(wish or Path(root) / "tog_mjx")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        name = Path(sys.argv[0]).name
+        print(f"{name}: compiling without a cache: {folder} cannot be written ({error.strerror})", file=sys.stderr)
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
 
 
@@ -82,6 +91,8 @@ class Work:
             now = time.monotonic()
             if first is None:  # The time before it was the compiler's.
                 first, said = (now, done), now
+                if not self.console.is_terminal:
+                    self.console.print(f"{name}: running", markup=False)
             elif not self.console.is_terminal and now - said > _SECONDS_BETWEEN_LINES:
                 left = (now - first[0]) / (done - first[1]) * (total - done)
                 self.console.print(f"{name}: {done} of {total}, about {left:.0f} s left", markup=False)

@@ -44,15 +44,18 @@ class Rows(NamedTuple):
     elliptic: tuple[tuple[int, int], ...]
 
 
-def read_rows(model: mjx.Model, data: mjx.Data) -> Rows:
-    """The constraint rows that `mjx.fwd_position` left in `data`.
+def require_jax(model: mjx.Model, data: mjx.Data) -> None:
+    """Raises InputError for a model or data that is not on MJX's JAX implementation."""
+    if not model.impl == data.impl == mjx.Impl.JAX:
+        raise InputError(
+            f"the model is on MJX's {model.impl.value} implementation and the data on its {data.impl.value} one; "
+            'implicit differentiation needs mjx.put_model(model, impl="jax") and mjx.make_data(model, impl="jax")'
+        )
 
-    Raises:
-      InputError: for data that is not on MJX's JAX implementation.
-    """
+
+def read_rows(model: mjx.Model, data: mjx.Data) -> Rows:
+    """The constraint rows that `mjx.fwd_position` left in `data`."""
     impl = data._impl
-    if not hasattr(impl, "efc_J"):
-        raise InputError('the data is not on MJX\'s JAX implementation; make it with mjx.make_data(model, impl="jax")')
     dim, address = np.asarray(impl.contact.dim), np.asarray(impl.contact.efc_address)
     is_elliptic = (dim > 1) & (model.opt.cone == mjx.ConeType.ELLIPTIC)
     return Rows(
@@ -69,7 +72,7 @@ def read_rows(model: mjx.Model, data: mjx.Data) -> Rows:
 
 
 def constraint_force(rows: Rows, x: Float[Array, " nefc"]) -> Float[Array, " nefc"]:
-    """The force [nefc] of all rows at x = J q - a_ref. Gradients at a kink are those of the inactive side."""
+    """The force [nefc] of all rows at x = J q - a_ref. At a kink its gradient is that of one side, or between both."""
     linear = -rows.D * x
     index = np.arange(x.shape[0])
     clipped = jnp.clip(linear, -rows.friction_loss, rows.friction_loss)

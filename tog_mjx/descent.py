@@ -19,6 +19,8 @@ from tog_mjx.errors import InputError
 from tog_mjx.gradients import Estimator
 from tog_mjx.types import Numbers
 
+MAX_ITERATIONS = 10_000_000
+"""Every iterate is recorded."""
 REPORT_INTERVAL = 0.5
 """Seconds between reports, about."""
 
@@ -94,13 +96,20 @@ def descend(
       not recorded) or gradient (the iterate is recorded and not left).
 
     Raises:
-      InputError: for negative iterations, a step size that is not positive, or a first cost that is not finite.
+      InputError: for settings out of range, a guess that is not a vector, or a first cost that is not finite.
     """
-    if iterations < 0:
-        raise InputError(f"iterations is {iterations}: give 0 or more")
+    if not (isinstance(iterations, int) and 0 <= iterations <= MAX_ITERATIONS):
+        raise InputError(f"iterations is {iterations}: give a whole number from 0 to {MAX_ITERATIONS}")
     if not 0 < step_size < float("inf"):
         raise InputError(f"step_size is {step_size}: give a positive number")
-    u = jnp.asarray(u, float)
+    if tolerance is not None and not tolerance >= 0:
+        raise InputError(f"tolerance is {tolerance}: give 0 or more, or None")
+    try:
+        u = jnp.asarray(u, float)
+    except (TypeError, ValueError):
+        raise InputError(f"the initial guess {u!r} is not numbers; give a vector of them") from None
+    if u.ndim != 1 or u.size == 0:
+        raise InputError(f"the initial guess has shape {u.shape}; give a vector [n]")
     records = iterations + 1
     loop = _Loop(
         iteration=jnp.array(0),

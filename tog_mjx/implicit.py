@@ -23,8 +23,8 @@ from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
-from tog_mjx.constraints import Rows, constraint_force, read_rows
-from tog_mjx.errors import InputError
+from tog_mjx.constraints import Rows, constraint_force, read_rows, require_jax
+from tog_mjx.integration import integrate
 
 
 def step(model: mjx.Model, data: mjx.Data) -> mjx.Data:
@@ -35,23 +35,14 @@ def step(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     it is one-sided. The warm start carries no gradient.
 
     Raises:
-      InputError: for an integrator whose stages call MJX's own solver (RK4), or a model that is not on MJX's JAX
-      implementation.
+      InputError: for a model that is not on MJX's JAX implementation.
     """
-    data = forward(model, data)
-    match model.opt.integrator:
-        case mjx.IntegratorType.EULER:
-            return mjx.euler(model, data)
-        case mjx.IntegratorType.IMPLICITFAST:
-            return mjx.implicit(model, data)
-        case other:
-            raise InputError(
-                f"integrator {other.name} is not supported here; set <option integrator> to Euler or implicitfast"
-            )
+    return integrate(model, forward(model, data), forward)
 
 
 def forward(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """`mjx.forward`, differentiable: the accelerations and forces of a state, without integration."""
+    require_jax(model, data)
     data = mjx.sensor_pos(model, mjx.fwd_position(model, data))
     data = mjx.sensor_vel(model, mjx.fwd_velocity(model, data))
     data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))

@@ -13,13 +13,18 @@ import numpy as np
 
 
 class Published(NamedTuple):
-    """One published descent; `costs` [k + 1] is empty where only the summary was kept."""
+    """One published descent. `costs` [k + 1] is empty where only the summary was kept.
+
+    `setpoints` [m, 2F] are those of the iterations `setpoints_at` [m].
+    """
 
     iterations: int
     cost_first: float
     cost_last: float
     cost_best: float
     costs: np.ndarray
+    setpoints: np.ndarray
+    setpoints_at: np.ndarray
 
 
 @functools.cache
@@ -29,5 +34,8 @@ def published(task: str, method: str) -> Published:
     trace = traces[f"{task}_{method}"]
     if "cost" in trace:
         costs = np.array(trace["cost"])
-        return Published(len(costs) - 1, costs[0], costs[-1], costs.min(), costs)
-    return Published(trace["iterations"], trace["cost_first"], trace["cost_last"], trace["cost_min"], np.array([]))
+        setpoints = np.array(trace.get("setpoints", []))
+        at = np.array(trace.get("setpoints_at_iteration", range(len(setpoints))), int)
+        return Published(len(costs) - 1, costs[0], costs[-1], costs.min(), costs, setpoints, at)
+    none = np.array([])
+    return Published(trace["iterations"], trace["cost_first"], trace["cost_last"], trace["cost_min"], none, none, none)

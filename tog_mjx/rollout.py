@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from tog_mjx.errors import InputError
-from tog_mjx.simulators import Simulator, make_simulator
+from tog_mjx.simulators import Simulator, check_names, make_simulator
 from tog_mjx.tasks import Task, get_task
 from tog_mjx.types import Numbers, Scalar, Setpoints
 
@@ -34,8 +34,8 @@ def rollout(task: str | Task, u: Numbers, simulator: str = "mjx", **options: str
       InputError: for an unknown name or option, or setpoints of the wrong shape or not finite.
     """
     task = get_task(task)
-    run = _compiled_rollout(task, simulator, tuple(sorted(options.items())), str(jnp.zeros(0).dtype))
-    return run(check_setpoints(task, u))
+    u = check_setpoints(task, u)
+    return _compiled(trajectory, task, simulator, options)(u)
 
 
 def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Callable[[Numbers], Scalar]:
@@ -46,15 +46,14 @@ def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Calla
       simulator: "mjx" (option `differentiation="implicit" | "native"`), "penalty" (option `friction="mujoco" |
         "paper"`) or "released".
 
-    Its precision is that of JAX's x64 flag; make it under the flag you call it with.
+    Its precision is that of JAX's x64 flag at the call. Equal calls share one compiled function.
 
     Raises:
       InputError: for an unknown name or option; J raises it for setpoints of the wrong shape or not finite.
     """
     task = get_task(task)
-    engine = make_simulator(simulator, task.scene, **options)
-    cost = jax.jit(lambda u: final_cost(task, engine, u))
-    return lambda u: cost(check_setpoints(task, u))
+    _compiled(final_cost, task, simulator, options)  # Names are checked now, not at the first call.
+    return lambda u: _compiled(final_cost, task, simulator, options)(check_setpoints(task, u))
 
 
 def final_cost(task: Task, simulator: Simulator, u: Setpoints) -> Scalar:
@@ -106,10 +105,15 @@ def check_setpoints(task: Task, u: Numbers) -> Float[Array, " n"]:
     return u
 
 
-@functools.lru_cache(maxsize=32)
-def _compiled_rollout(
-    task: Task, simulator: str, options: tuple[tuple[str, str], ...], _dtype: str
-) -> Callable[[Array], Trajectory]:
-    """Compiled once for each task, simulator and precision: JAX's default `_dtype` is part of the key."""
+def _compiled(function: Callable, task: Task, simulator: str, options: dict[str, str]) -> Callable[[Array], Any]:
+    """`function(task, simulator, u)`, compiled once for each task, simulator, set of options and default precision."""
+    check_names(simulator, options)
+    return _compile(function, task, simulator, tuple(sorted(options.items())), str(jnp.zeros(0).dtype))
+
+
+@functools.lru_cache(maxsize=64)
+def _compile(
+    function: Callable, task: Task, simulator: str, options: tuple[tuple[str, str], ...], _dtype: str
+) -> Callable[[Array], Any]:
     engine = make_simulator(simulator, task.scene, **dict(options))
-    return jax.jit(lambda u: trajectory(task, engine, u))
+    return jax.jit(lambda u: function(task, engine, u))

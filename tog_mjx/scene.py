@@ -73,6 +73,10 @@ class Scene:
             raise InputError(f"scene {self.name}: no body is named finger1; name the fingers finger1, finger2, ...")
         half = self._named("geom", "box").size[[0, 2]]
         corners = [g for g in range(model.ngeom) if model.geom_bodyid[g] == box.id and self._touches_floor(g)]
+        if not corners:
+            raise InputError(
+                f"scene {self.name}: no <contact><pair> of a sphere of the box and the geom floor; add them"
+            )
         radius = [float(self._named("geom", f).size[0]) for f in self.fingers]
         gain = model.actuator_gainprm[self.actuators, 0]
         damping = -model.actuator_biasprm[self.actuators, 2]
@@ -86,7 +90,7 @@ class Scene:
             gravity=-float(model.opt.gravity[2]),
             timestep=float(model.opt.timestep),
             box_mass=float(box.mass[0]),
-            box_inertia=float(box.inertia[1]),
+            box_inertia=self._inertia_about_y(box),
             box_half=half,
             corners=model.geom_pos[corners][:, [0, 2]],
             corner_radius=float(model.geom_size[corners[0], 0]),
@@ -98,6 +102,17 @@ class Scene:
             finger_floor=self._law("finger_floor", self._named("geom", self.fingers[0]).id),
             finger_box=self._law("finger_box", self._named("geom", self.fingers[0]).id),
         )
+
+    def _inertia_about_y(self, body) -> float:
+        """The moment of inertia about the body's y axis, whatever its principal axes."""
+        if np.abs(body.ipos).max() > 0:
+            raise InputError(
+                f"scene {self.name}: body {body.name} has its centre of mass at {body.ipos}; put it at its origin"
+            )
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, body.iquat)
+        y = rotation.reshape(3, 3)[1]
+        return float(y**2 @ body.inertia)
 
     def _law(self, kind: str, geom: int) -> PenaltyLaw:
         """The penalty law of a kind of contact, from the scene's constants and the friction of the pair itself."""
@@ -177,7 +192,11 @@ def scene_path(scene: str | Path) -> Path:
     if str(scene) in scene_names():
         return models_folder() / f"{scene}.xml"
     path = Path(scene)
-    if not path.is_file():
+    try:
+        is_file = path.is_file()
+    except OSError:  # A name that no file system takes.
+        is_file = False
+    if not is_file:
         raise InputError(
             f"{scene}: no such scene or file; name one of {', '.join(scene_names())} or give the path of an MJCF file"
         )
@@ -192,8 +211,14 @@ def load_scene(scene: str | Path) -> Scene:
     """
     path = scene_path(scene)
     try:
+        # MuJoCo's own warnings would go to standard output and into a log file in the working folder.
+        mujoco.set_mju_user_warning(lambda _: None)
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
+    finally:
+        mujoco.set_mju_user_warning(None)
+    if not 0 < model.opt.timestep < np.inf:
+        raise InputError(f"{path}: <option timestep> is {model.opt.timestep}; give a positive number of seconds")
     check_supported(model, path)
     return Scene(path.stem, model)

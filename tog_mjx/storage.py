@@ -7,7 +7,7 @@ CRC-32 that the zip format keeps of every member is checked on reading.
 import contextlib
 import json
 import os
-import zipfile
+import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -30,17 +30,29 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     Raises:
       InputError: where the folder or the file cannot be written.
     """
-    partial = path.with_name(f".{path.name}.partial")
+    partial: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
+        # A name of its own, so that two programs that write the same file do not mix: the last one wins, whole.
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
+        partial = Path(name)
+        with os.fdopen(handle, "wb") as file:
             yield file
             file.flush()
             os.fsync(file.fileno())
+        partial.chmod(0o666 & ~_umask())
         partial.replace(path)
     except OSError as error:
-        partial.unlink(missing_ok=True) if path.parent.is_dir() else None
         raise InputError(f"{path}: cannot be written ({error.strerror}); choose another folder") from None
+    finally:
+        if partial is not None:
+            partial.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
 
 
 def save_result(path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
@@ -59,10 +71,11 @@ def load_result(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
-        return arrays, json.loads(str(arrays.pop(_ATTRIBUTES)))
+        attributes = json.loads(str(arrays.pop(_ATTRIBUTES)))
+        return arrays, dict(attributes.items())
     except FileNotFoundError:
         raise
-    except (OSError, EOFError, KeyError, ValueError, zipfile.BadZipFile) as error:
+    except Exception as error:  # A damaged zip file makes its reader fail in more ways than it documents.
         raise DamagedFileError(f"{path}: {' '.join(str(error).split())}") from None
 
 

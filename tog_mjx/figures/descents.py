@@ -42,7 +42,7 @@ def _plot(axes: Axes, task: str, descents: Mapping[str, Descent], markersize: fl
     for method, descent in descents.items():
         trace = published(task, method)
         if trace.costs.size:
-            axes.plot(trace.costs, **PUBLISHED, label=f"published, {method}")
+            axes.plot(trace.costs, **PUBLISHED, color=METHOD[method]["color"], label=f"published, {method}")
         axes.plot(
             descent.costs, **METHOD[method], markersize=markersize, markevery=max(1, longest // 25), linewidth=1.3
         )

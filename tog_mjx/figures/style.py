@@ -21,7 +21,7 @@ METHOD: dict[str, dict[str, Any]] = {
     "exact": {"color": "#1b1b1b", "linestyle": "-", "marker": "o", "label": "exact gradient"},
     "stochastic": {"color": "#d55e00", "linestyle": "--", "marker": "x", "label": "stochastic gradient"},
 }
-PUBLISHED: dict[str, Any] = {"color": "#7a7a7a", "linestyle": ":", "linewidth": 1.2, "zorder": 1}
+PUBLISHED: dict[str, Any] = {"linestyle": ":", "linewidth": 1.6, "alpha": 0.7, "zorder": 1}
 
 BEST: dict[str, Any] = {"marker": "*", "markersize": 11, "linestyle": "none", "markeredgecolor": "white", "zorder": 5}
 

@@ -1,7 +1,7 @@
 """MuJoCo MJX as a planar simulator of one box and its fingers.
 
-The loop carries positions, velocities and the solver's warm start, not the whole `mjx.Data`: reverse mode must store
-its carry at every step.
+The loop carries positions, velocities, activations and the solver's warm start, not the whole `mjx.Data`: reverse mode
+must store its carry at every step.
 """
 
 import dataclasses
@@ -11,13 +11,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from tog_mjx import implicit
 from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError
 from tog_mjx.scene import Scene
+from tog_mjx.simulate import STEPS
 from tog_mjx.types import Box, Fingers, Setpoints
-
-_STEP = {"implicit": implicit.step, "native": mjx.step}
 
 
 class MjxState(NamedTuple):
@@ -25,6 +23,7 @@ class MjxState(NamedTuple):
 
     qpos: Float[Array, " nq"]
     qvel: Float[Array, " nv"]
+    act: Float[Array, " na"]
     qacc_warmstart: Float[Array, " nv"]
 
 
@@ -37,7 +36,7 @@ class MjxSimulator:
     it to MJX, which raises in reverse mode and gives NaN on an elliptic cone. The values are the same.
     """
 
-    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"differentiation": ("implicit", "native")}
+    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"differentiation": tuple(STEPS)}
 
     model: mjx.Model
     joints: tuple[int, ...] = dataclasses.field(metadata={"static": True})
@@ -59,14 +58,16 @@ class MjxSimulator:
         velocity = jnp.concatenate([box[3:], fingers[:, 2:].ravel()])
         joints = jnp.array(self.joints)
         zeros = jnp.zeros(self.model.nv)
-        return MjxState(self.model.qpos0.at[joints].set(position), zeros.at[joints].set(velocity), zeros)
+        return MjxState(
+            self.model.qpos0.at[joints].set(position), zeros.at[joints].set(velocity), jnp.zeros(self.model.na), zeros
+        )
 
     def step(self, state: MjxState, setpoints: Setpoints) -> MjxState:
         """Advances by one time step under the setpoints [2F]."""
         data = mjx.make_data(self.model)
         ctrl = data.ctrl.at[jnp.array(self.actuators)].set(setpoints)
-        data = _STEP[self.differentiation](self.model, data.replace(**state._asdict(), ctrl=ctrl))
-        return MjxState(data.qpos, data.qvel, data.qacc_warmstart)
+        data = STEPS[self.differentiation](self.model, data.replace(**state._asdict(), ctrl=ctrl))
+        return MjxState(data.qpos, data.qvel, data.act, data.qacc_warmstart)
 
     def observe(self, state: MjxState) -> tuple[Box, Fingers]:
         joints = jnp.array(self.joints)

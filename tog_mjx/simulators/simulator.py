@@ -10,7 +10,10 @@ A simulator knows no task. Its parameters are leaves of a pytree, so that a comp
 argument and differentiate with respect to them; its choices of law and differentiation are static.
 """
 
+from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
+
+import jax
 
 from tog_mjx.errors import InputError
 from tog_mjx.scene import Scene
@@ -44,13 +47,21 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
     Raises:
       InputError: for an unknown simulator, option or value.
     """
-    if name not in SIMULATORS:
+    check_names(name, options)
+    # Also inside a transformation the parameters are numbers, not tracers.
+    with jax.ensure_compile_time_eval():
+        return SIMULATORS[name].from_scene(scene, **options)
+
+
+def check_names(name: str, options: Mapping[str, str]) -> None:
+    """Raises InputError for an unknown simulator, option or value."""
+    if name not in list(SIMULATORS):
         raise InputError(f"simulator {name!r} is unknown; choose from {', '.join(SIMULATORS)}")
-    kind = SIMULATORS[name]
+    choices = SIMULATORS[name].OPTIONS
     for option, value in options.items():
-        if option not in kind.OPTIONS:
-            known = " and ".join(kind.OPTIONS) or "no options"
-            raise InputError(f"simulator {name!r} has no option {option!r}; it takes {known}")
-        if value not in kind.OPTIONS[option]:
-            raise InputError(f"{option}={value!r} is unknown; choose from {', '.join(kind.OPTIONS[option])}")
-    return kind.from_scene(scene, **options)
+        if option not in choices:
+            raise InputError(
+                f"simulator {name!r} has no option {option!r}; it takes {' and '.join(choices) or 'no options'}"
+            )
+        if value not in choices[option]:
+            raise InputError(f"{option}={value!r} is unknown; choose from {', '.join(choices[option])}")
