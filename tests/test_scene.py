@@ -43,6 +43,13 @@ def test_start_and_guess_are_the_papers():
     np.testing.assert_array_equal(get_task("grasp").initial_guess, [-0.05, 0.25, 0.05, 0.25])
 
 
+@pytest.mark.parametrize("name", ["flip", "grasp"])
+def test_the_markers_stand_at_the_initial_guess(name):
+    scene = load_scene(name)
+    sites = [scene.model.site(f"setpoint{i + 1}").pos[[0, 2]] for i in range(len(scene.fingers))]
+    np.testing.assert_array_equal(np.ravel(sites), scene.initial_guess)
+
+
 @pytest.mark.parametrize(("name", "stiffness"), [("flip", 10), ("grasp", 40)])
 def test_physics_is_the_papers(name, stiffness):
     p = load_scene(name).physics

@@ -56,6 +56,16 @@ class Descent(NamedTuple):
         """The first iterate of least cost."""
         return int(self.costs.argmin())
 
+    @property
+    def setpoints_last(self) -> np.ndarray:
+        """The last iterate [n], of cost `costs[-1]`."""
+        return self.setpoints[-1]
+
+    @property
+    def setpoints_best(self) -> np.ndarray:
+        """The best iterate [n], of cost `costs.min()`."""
+        return self.setpoints[self.best_iteration]
+
 
 class _Loop(NamedTuple):
     """The carry of the loop; `iteration` is that of the next evaluation, the records are filled up to it."""
