@@ -1,8 +1,8 @@
 """The main command: what it writes, what it keeps, and what it says of bad input."""
 
-import importlib.util
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -37,17 +37,13 @@ KEYS = [
 @pytest.fixture
 def script(monkeypatch, capsys):
     """Runs the script in this process: arguments to (exit status, standard output, standard error)."""
-    spec = importlib.util.spec_from_file_location("reproduce_paper", SCRIPT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    main = runpy.run_path(str(SCRIPT))["main"]
 
     def run(*arguments) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", [str(SCRIPT), *map(str, arguments)])
         status = 0
         try:
-            run_main(module.main)
+            run_main(main)
         except SystemExit as end:
             status = int(end.code or 0)
         return status, *capsys.readouterr()
