@@ -133,11 +133,14 @@ def test_bad_input_is_one_line_and_status_2(script, tmp_path, monkeypatch, argum
 def test_killed_in_the_middle_it_starts_again_cleanly(tmp_path):
     command = [sys.executable, SCRIPT, *QUICK[:4], "--method", "stochastic", "--out", tmp_path, "--iterations"]
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen([*command, "10000000"], stdout=subprocess.PIPE, text=True, env=environment) as process:
-        assert process.stdout is not None
-        assert "compiling" in process.stdout.readline()
-        time.sleep(3)
+    log = tmp_path.with_suffix(".log")
+    with log.open("w") as said, subprocess.Popen([*command, "10000000"], stdout=said, env=environment) as process:
+        deadline = time.monotonic() + 120
+        while "running" not in log.read_text() and time.monotonic() < deadline:
+            time.sleep(0.1)
         process.send_signal(signal.SIGKILL)
+    assert "running" in log.read_text()
+    assert process.returncode == -signal.SIGKILL
     assert not list(tmp_path.rglob("*.npz"))
     done = subprocess.run([*command, "2"], capture_output=True, text=True, check=True)
     assert "iterations exhausted" in done.stdout

@@ -1,5 +1,7 @@
 """The scenes say what the paper says, and a scene that cannot be used is told in one line."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -135,23 +137,25 @@ def test_a_scene_without_the_planar_parts_says_which_is_missing(tmp_path):
         _ = load_scene(path).physics
 
 
+def save(spec: mujoco.MjSpec, folder: Path) -> Path:
+    path = folder / "edited.xml"
+    path.write_text(spec.to_xml())
+    return path
+
+
 def test_fingers_that_differ_are_refused(tmp_path):
     spec = mujoco.MjSpec.from_file(str(scene_path("grasp")))
     spec.geom("finger2").mass = 0.2
-    path = tmp_path / "uneven.xml"
-    path.write_text(spec.to_xml())
     with pytest.raises(InputError, match="differ in mass"):
-        _ = load_scene(path).physics
+        _ = load_scene(save(spec, tmp_path)).physics
 
 
 def test_a_box_without_corners_on_the_floor_is_refused(tmp_path):
     spec = mujoco.MjSpec.from_file(str(scene_path("flip")))
     for pair in [pair for pair in spec.pairs if pair.name.startswith("corner")]:
         spec.delete(pair)
-    path = tmp_path / "bare.xml"
-    path.write_text(spec.to_xml())
     with pytest.raises(InputError, match="no <contact><pair> of a sphere of the box"):
-        _ = load_scene(path).physics
+        _ = load_scene(save(spec, tmp_path)).physics
 
 
 def test_the_inertia_is_that_about_the_hinge(tmp_path):
@@ -159,7 +163,5 @@ def test_the_inertia_is_that_about_the_hinge(tmp_path):
     spec = mujoco.MjSpec.from_file(str(scene_path("flip")))
     for sign in (1, -1):
         spec.body("box").add_geom(size=[0.05, 0, 0], pos=[0.2 * sign, 0.1 * sign, 0], mass=1)
-    path = tmp_path / "heavy.xml"
-    path.write_text(spec.to_xml())
     balls = 2 * (2 / 5 * 0.05**2 + 0.2**2)
-    np.testing.assert_allclose(load_scene(path).physics.box_inertia, 0.5**2 / 6 + balls, rtol=1e-9)
+    np.testing.assert_allclose(load_scene(save(spec, tmp_path)).physics.box_inertia, 0.5**2 / 6 + balls, rtol=1e-9)

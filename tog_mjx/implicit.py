@@ -6,8 +6,8 @@ MJX's solver finds the acceleration q [nv] at which
 
 where the constraint force f also depends on the regulariser D and the friction coefficients, and everything but q
 depends on the parameters p (state, controls, model). Differentiating its iterations fails: reverse mode cannot cross
-their `while_loop`, and on the elliptic cone both modes give NaN. By the implicit function theorem no iteration need be
-differentiated:
+their `while_loop`, and on the elliptic cone forward mode gives NaN once a contact is open. By the implicit function
+theorem no iteration need be differentiated:
 
     dq = -H^-1 (dr/dp) dp,        H = dr/dq = M - J^T (df/dx) J,   x = J q - a_ref,
 

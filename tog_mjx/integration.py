@@ -1,6 +1,6 @@
 """MJX's integrators, with the derivative that rotation has at zero angular velocity.
 
-Every value here is MJX's own, to the bit. Two derivatives are not:
+The values are MJX's own (RK4's, whose stages are called here, up to rounding). Two derivatives are not:
 
 - Quaternions. A free or ball joint advances by q (x) exp(dt omega / 2). MJX computes it through omega / |omega| and
   returns a zero derivative at omega = 0, without a warning; the true one is dt / 2 in each axis. Here the rotation is

@@ -30,9 +30,9 @@ def draw_descents(task: str, simulator: str, descents: Mapping[str, Descent]) ->
         axes.set_xlabel("iteration (parameter updates)")
         axes.set_ylabel(rf"cost $J_\mathrm{{{task}}}$")
         axes.set_title(f"Box {task} on {simulator}", loc="left")
-        axes.set_ylim(bottom=0)
+        axes.set_ylim(0, 1.1 * max(float(d.costs.max()) for d in descents.values()))
         axes.plot([], [], **BEST, color="#7a7a7a", label="best iterate")
-        axes.legend(loc="upper right", frameon=False, fontsize=8)
+        figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
         _add_inset(axes, task, descents)
     return figure
 
