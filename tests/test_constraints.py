@@ -34,7 +34,7 @@ ROWS = Rows(
     impratio=jnp.array(IMPRATIO),
     equalities=1,
     losses=LOSSES,
-    elliptic=((3, 4), (6, 7)),
+    elliptic=((3, 1), (6, 1)),
 )
 
 

@@ -14,7 +14,8 @@ private.
 Source: MuJoCo documentation, Computation, "Primal problem".
 """
 
-from typing import NamedTuple
+import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -26,22 +27,34 @@ from tog_mjx.errors import InputError
 from tog_mjx.safe import safe_norm
 
 
-class Rows(NamedTuple):
+def _static():
+    return dataclasses.field(metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclasses.dataclass(frozen=True)
+class Rows:
     """The constraint rows of a state: equalities first, then friction losses, then limits and contacts.
 
-    `friction` [K, 5] holds the coefficients of the K elliptic contacts, whose condim and first row are static;
-    `impratio` is MuJoCo's ratio of frictional to normal impedance.
+    `jacobian` [nefc, nv], `reference` (a_ref), `D` and `friction_loss` [nefc]. `elliptic` lists the groups (condim,
+    number of contacts) of elliptic contacts, which are the last rows, and `friction` [K, 5] holds the coefficients of
+    those K contacts; `impratio` [] is MuJoCo's ratio of frictional to normal impedance. Arrays are leaves (annotated Any,
+    as JAX puts other things in their place), numbers of rows are static.
     """
 
-    jacobian: Float[Array, "nefc nv"]
-    reference: Float[Array, " nefc"]
-    D: Float[Array, " nefc"]
-    friction_loss: Float[Array, " nefc"]
-    friction: Float[Array, "K 5"]
-    impratio: Float[Array, ""]
-    equalities: int
-    losses: int
-    elliptic: tuple[tuple[int, int], ...]
+    jacobian: Any
+    reference: Any
+    D: Any
+    friction_loss: Any
+    friction: Any
+    impratio: Any
+    equalities: int = _static()
+    losses: int = _static()
+    elliptic: tuple[tuple[int, int], ...] = _static()
+
+    def at(self, qacc: Float[Array, " nv"]) -> Float[Array, " nefc"]:
+        """x = J q - a_ref at the acceleration q."""
+        return self.jacobian @ qacc - self.reference
 
 
 def require_jax(model: mjx.Model, data: mjx.Data) -> None:
@@ -56,8 +69,11 @@ def require_jax(model: mjx.Model, data: mjx.Data) -> None:
 def read_rows(model: mjx.Model, data: mjx.Data) -> Rows:
     """The constraint rows that `mjx.fwd_position` left in `data`."""
     impl = data._impl
-    dim, address = np.asarray(impl.contact.dim), np.asarray(impl.contact.efc_address)
+    dim = np.asarray(impl.contact.dim)
     is_elliptic = (dim > 1) & (model.opt.cone == mjx.ConeType.ELLIPTIC)
+    condims, counts = np.unique(dim[is_elliptic], return_counts=True)
+    # MJX sorts contacts by condim, and puts their rows last and in that order.
+    assert (np.diff(dim) >= 0).all()
     return Rows(
         jacobian=impl.efc_J,
         reference=impl.efc_aref,
@@ -67,24 +83,60 @@ def read_rows(model: mjx.Model, data: mjx.Data) -> Rows:
         impratio=jnp.asarray(model.opt.impratio),
         equalities=int(impl.ne),
         losses=int(impl.nf),
-        elliptic=tuple(zip(dim[is_elliptic].tolist(), address[is_elliptic].tolist(), strict=True)),
+        elliptic=tuple(zip(condims.tolist(), counts.tolist(), strict=True)),
     )
 
 
 def constraint_force(rows: Rows, x: Float[Array, " nefc"]) -> Float[Array, " nefc"]:
     """The force [nefc] of all rows at x = J q - a_ref. At a kink its gradient is that of one side, or between both."""
-    linear = -rows.D * x
-    index = np.arange(x.shape[0])
-    clipped = jnp.clip(linear, -rows.friction_loss, rows.friction_loss)
-    force = jnp.where(index < rows.equalities + rows.losses, clipped, jnp.where(x < 0, linear, 0.0))
-    force = jnp.where(index < rows.equalities, linear, force)
-    for condim in sorted({condim for condim, _ in rows.elliptic}):
-        contacts = [i for i, (dim, _) in enumerate(rows.elliptic) if dim == condim]
-        adr = np.array([range(rows.elliptic[i][1], rows.elliptic[i][1] + condim) for i in contacts])
-        friction = rows.friction[np.array(contacts), : condim - 1]
+    scalar, elliptic = _split(rows)
+    forces = [_scalar_force(rows, x[scalar])]
+    for group, condim, friction in elliptic:
         kernel = jax.vmap(_elliptic_force, (0, 0, 0, None))
-        force = force.at[adr].set(kernel(x[adr], rows.D[adr], friction, rows.impratio))
-    return force
+        forces.append(kernel(_fold(x[group], condim), _fold(rows.D[group], condim), friction, rows.impratio).ravel())
+    return jnp.concatenate(forces)
+
+
+def constraint_hessian(rows: Rows, x: Float[Array, " nefc"]) -> Float[Array, "nv nv"]:
+    """-J^T (df/dx) J at x = J q - a_ref: a block for each elliptic contact, a number for each other row."""
+    scalar, elliptic = _split(rows)
+    _, slope = jax.jvp(lambda x: _scalar_force(rows, x), (x[scalar],), (jnp.ones_like(x[scalar]),))
+    hessian = -rows.jacobian[scalar].T @ (slope[:, None] * rows.jacobian[scalar])
+    for group, condim, friction in elliptic:
+        kernel = jax.vmap(jax.jacfwd(_elliptic_force), (0, 0, 0, None))
+        slopes = kernel(_fold(x[group], condim), _fold(rows.D[group], condim), friction, rows.impratio)
+        jacobian = _fold(rows.jacobian[group], condim)
+        hessian -= jnp.einsum("kiv,kij,kjw->vw", jacobian, slopes, jacobian)
+    return hessian
+
+
+Group = tuple[slice, int, Float[Array, "count tangential"]]
+
+
+def _split(rows: Rows) -> tuple[slice, list[Group]]:
+    """The scalar rows, and for each group of elliptic contacts its rows, condim and friction coefficients."""
+    row = rows.D.shape[0] - sum(condim * count for condim, count in rows.elliptic)
+    scalar, contact, groups = slice(0, row), 0, []
+    for condim, count in rows.elliptic:
+        friction = rows.friction[contact : contact + count, : condim - 1]
+        groups.append((slice(row, row + condim * count), condim, friction))
+        row, contact = row + condim * count, contact + count
+    return scalar, groups
+
+
+def _fold(x: Array, condim: int) -> Array:
+    """Rows [count * condim, ...], contact by contact: [count, condim, ...]."""
+    return x.reshape(-1, condim, *x.shape[1:])
+
+
+def _scalar_force(rows: Rows, x: Float[Array, " scalar"]) -> Float[Array, " scalar"]:
+    """The force of the rows that know nothing of each other: all but those of elliptic contacts."""
+    n = x.shape[0]
+    linear, loss, index = -rows.D[:n] * x, rows.friction_loss[:n], np.arange(n)
+    force = jnp.where(
+        index < rows.equalities + rows.losses, jnp.clip(linear, -loss, loss), jnp.where(x < 0, linear, 0.0)
+    )
+    return jnp.where(index < rows.equalities, linear, force)
 
 
 def _elliptic_force(

@@ -15,18 +15,34 @@ with H symmetric and positive definite, since f is minus the gradient of a conve
 that, to JAX, as a Jacobian-vector product that is linear in dp: forward mode is exact and reverse mode is its
 transpose.
 
+Model parameters. The derivative in a field of `mjx.Model` is that of `mjx.step` with this field changed alone. What
+MuJoCo's compiler derives from an MJCF attribute does not follow: a new `body_mass` leaves `body_inertia` and the
+inverse weights (`body_invweight0`, `dof_invweight0`, `tendon_invweight0`), by which constraints are scaled, as they
+were. These are fields too, with right derivatives: move them along. What the compiler left out has the derivative
+zero, without a word: a friction loss or a limit that the MJCF file does not give makes no constraint row.
+
 Source: MuJoCo documentation, Computation, "Constraint model" and "Primal problem".
 """
 
+import functools
+from collections.abc import Callable
+
 import jax
+from jax.ad_checkpoint import checkpoint_name
+from jax.custom_derivatives import SymbolicZero
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
-from tog_mjx.constraints import Rows, constraint_force, read_rows, require_jax
-from tog_mjx.integration import integrate
+from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, read_rows, require_jax
+from tog_mjx.integration import integrate, with_derivative_of
+
+_SOLUTION = "tog_mjx solution"
 
 
+# Reverse mode would store hundreds of small arrays a step. Storing the state and the solver's answer, and computing the
+# rest again on the way back, is faster, and takes a hundredth of the memory.
+@functools.partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_SOLUTION), prevent_cse=False)
 def step(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """Advances the simulation by one time step: same signature and value as `mjx.step`, differentiable in both modes.
 
@@ -46,50 +62,48 @@ def forward(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     data = mjx.sensor_pos(model, mjx.fwd_position(model, data))
     data = mjx.sensor_vel(model, mjx.fwd_velocity(model, data))
     data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
-    if read_rows(model, data).jacobian.size == 0:
+    rows = read_rows(model, data)
+    if rows.jacobian.size == 0:
         return data.replace(qacc=data.qacc_smooth)
-    qacc, qfrc_constraint, efc_force = _solve(model, data)
-    data = data.tree_replace({"qacc": qacc, "qfrc_constraint": qfrc_constraint, "_impl.efc_force": efc_force})
+    solved = jax.lax.stop_gradient(mjx.solve(*jax.lax.stop_gradient((model, data))))
+    qacc = _differentiable(checkpoint_name(solved.qacc, _SOLUTION), mjx.full_m(model, data), data.qfrc_smooth, rows)
+    force = constraint_force(rows, rows.at(qacc))
+    forces = with_derivative_of((solved.qfrc_constraint, solved._impl.efc_force), (rows.jacobian.T @ force, force))
+    data = data.tree_replace({"qacc": qacc, "qfrc_constraint": forces[0], "_impl.efc_force": forces[1]})
     return mjx.sensor_acc(model, data)
 
 
-Solution = tuple[Float[Array, " nv"], Float[Array, " nv"], Float[Array, " nefc"]]
-
-
 @jax.custom_jvp
-def _solve(model: mjx.Model, data: mjx.Data) -> Solution:
-    """MJX's own solution: qacc, the constraint force in joint space, and in constraint space."""
-    data = mjx.solve(model, data)
-    return data.qacc, data.qfrc_constraint, data._impl.efc_force
+def _differentiable(
+    qacc: Float[Array, " nv"], mass: Float[Array, "nv nv"], qfrc_smooth: Float[Array, " nv"], rows: Rows
+) -> Float[Array, " nv"]:
+    """The solution `qacc` of r = 0, with its derivative in the inertia matrix, the smooth forces and the rows."""
+    del mass, qfrc_smooth, rows
+    return qacc
 
 
-@_solve.defjvp
-def _solve_jvp(primals: tuple, tangents: tuple) -> tuple[Solution, Solution]:
-    model, data = primals
-    solution = _solve(model, data)
-    qacc = solution[0]
+def _jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
+    qacc, mass, _, rows = primals
 
-    def residual_at(model: mjx.Model, data: mjx.Data, qacc: Float[Array, " nv"]):
-        rows = read_rows(model, data)
-        force = constraint_force(rows, rows.jacobian @ qacc - rows.reference)
-        return mjx.mul_m(model, data, qacc) - data.qfrc_smooth - rows.jacobian.T @ force
+    def residual(mass: Float[Array, "nv nv"], qfrc_smooth: Float[Array, " nv"], rows: Rows) -> Float[Array, " nv"]:
+        return mass @ qacc - qfrc_smooth - rows.jacobian.T @ constraint_force(rows, rows.at(qacc))
 
-    def forces_at(model: mjx.Model, data: mjx.Data, qacc: Float[Array, " nv"]):
-        rows = read_rows(model, data)
-        force = constraint_force(rows, rows.jacobian @ qacc - rows.reference)
-        return rows.jacobian.T @ force, force
-
-    hessian = mjx.full_m(model, data) + _constraint_hessian(read_rows(model, data), qacc)
-    _, residual_dot = jax.jvp(lambda m, d: residual_at(m, d, qacc), primals, tangents)
-    qacc_dot = -cho_solve(cho_factor((hessian + hessian.T) / 2), residual_dot)
-    _, force_dots = jax.jvp(forces_at, (model, data, qacc), (*tangents, qacc_dot))
-    return solution, (qacc_dot, *force_dots)
+    residual_dot = _jvp_along(residual, primals[1:], tangents[1:])
+    hessian = mass + constraint_hessian(rows, rows.at(qacc))
+    return qacc, -cho_solve(cho_factor((hessian + hessian.T) / 2), residual_dot)
 
 
-def _constraint_hessian(rows: Rows, qacc: Float[Array, " nv"]) -> Float[Array, "nv nv"]:
-    """-J^T (df/dx) J, column by column."""
+_differentiable.defjvp(_jvp, symbolic_zeros=True)
 
-    def joint_force(qacc: Float[Array, " nv"]) -> Float[Array, " nv"]:
-        return rows.jacobian.T @ constraint_force(rows, rows.jacobian @ qacc - rows.reference)
 
-    return -jax.jacfwd(joint_force)(qacc)
+def _jvp_along(function: Callable[..., Array], primals: tuple, tangents: tuple) -> Array:
+    """`jax.jvp` of `function` along those tangents that are not known to be zero."""
+    leaves, tree = jax.tree.flatten(primals)
+    dots = jax.tree.leaves(tangents, is_leaf=lambda dot: isinstance(dot, SymbolicZero))
+    moving = [i for i, dot in enumerate(dots) if not isinstance(dot, SymbolicZero)]
+
+    def of_moving(values: list[Array]) -> Array:
+        given = dict(zip(moving, values, strict=True))
+        return function(*jax.tree.unflatten(tree, [given.get(i, leaf) for i, leaf in enumerate(leaves)]))
+
+    return jax.jvp(of_moving, ([leaves[i] for i in moving],), ([dots[i] for i in moving],))[1]
