@@ -38,8 +38,8 @@ class Rows:
 
     `jacobian` [nefc, nv], `reference` (a_ref), `D` and `friction_loss` [nefc]. `elliptic` lists the groups (condim,
     number of contacts) of elliptic contacts, which are the last rows, and `friction` [K, 5] holds the coefficients of
-    those K contacts; `impratio` [] is MuJoCo's ratio of frictional to normal impedance. Arrays are leaves (annotated Any,
-    as JAX puts other things in their place), numbers of rows are static.
+    those K contacts; `impratio` [] is MuJoCo's ratio of frictional to normal impedance. Arrays are leaves (annotated
+    Any, as JAX puts other things in their place), numbers of rows are static.
     """
 
     jacobian: Any
