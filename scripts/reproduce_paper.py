@@ -4,8 +4,6 @@ Runs every simulator, task and method asked for with the settings of the paper's
 file, and prints this run beside the published numbers. A finished run is read, not repeated.
 """
 
-import errno
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +13,7 @@ from rich.table import Table
 
 from tog_mjx import comparison
 from tog_mjx.comparison import METHODS, Run
-from tog_mjx.console import ArgumentParser, Work, run_main
+from tog_mjx.console import ArgumentParser, Work, check_writable, run_main
 from tog_mjx.descent import Descent
 from tog_mjx.errors import InputError
 from tog_mjx.figures import draw_descents
@@ -70,17 +68,6 @@ def parse_arguments():
         if (getattr(args, option) or 0) < 0:
             parser.error(f"argument --{option}: {getattr(args, option)} is negative; give 0 or more")
     return args
-
-
-def check_writable(out: Path) -> None:
-    """Fails before the work, not after it."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=out).close()
-        if (out / "summary.json").is_dir():
-            raise IsADirectoryError(errno.EISDIR, "its summary.json is a folder")
-    except OSError as error:
-        raise InputError(f"--out {out} cannot be written ({error.strerror}); choose another folder") from None
 
 
 def find_finished(runs: list[Run], out: Path, console: Console, strict: bool = True) -> list[Run]:

@@ -1,18 +1,11 @@
 """Scenes of one feature each: `tog.step` has the value of `mjx.step` and the derivative of its differences.
 
-The derivative is of the next (qpos, qvel, act) with respect to (qpos, qvel, act, ctrl), at the state of each scene's
-keyframe. Differences are of the stock step, so nothing of ours is in the reference. They are Richardson's, of a step h
-and of 2 h, and h is
-where a change of step changes them least: larger ones see curvature and kinks, smaller ones the solver's tolerance.
+The derivative is in state, controls and every parameter of the model; see `tog_mjx.step_check`.
 """
 
-import itertools
-from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
-import jax.flatten_util
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -20,55 +13,80 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx._mjx import mjx
+from tog_mjx.step_check import TOLERANCE, Verdict, column_errors, judge, reference, step_function
 
 SCENES = sorted((Path(__file__).parent / "scenes").glob("*.xml"))
-DIFFERENCE_STEPS = (3e-7, 1e-6, 3e-6, 1e-5, 3e-5, 1e-4)
+UNSAFE_POWER = {"geom_solimp", "geom_solmix", "eq_solimp", "jnt_solimp", "tendon_solimp_lim", "pair_solimp"}
+"""Where MJX raises a negative number to the power of solimp's last, reverse mode is NaN in it; forward mode is not."""
 
 
-class Feature(NamedTuple):
-    """A scene at its state: x [n] = (qpos, qvel, act, ctrl), and the step as a function of x under either `step`."""
-
-    x: jax.Array
-    after: Callable[[Callable, jax.Array], jax.Array]
+def load(name: str) -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_path(str(Path(__file__).parent / "scenes" / f"{name}.xml"))
 
 
-def load(path: Path) -> Feature:
-    model = mujoco.MjModel.from_xml_path(str(path))
-    key = model.key("state")
-    state = {"qpos": key.qpos, "qvel": key.qvel, "act": key.act, "ctrl": key.ctrl}
-    x, unravel = jax.flatten_util.ravel_pytree(jax.tree.map(jnp.array, state))
-    mjx_model = mjx.put_model(model)
+@pytest.mark.parametrize("name", [path.stem for path in SCENES])
+def test_the_value_is_mjxs_and_the_derivative_is_that_of_differences(name):
+    function = step_function(load(name))
+    value, expected = reference(function)
+    is_unsafe = np.array([name in UNSAFE_POWER for name in function.names])
+    # Along all numbers at once but the unsafe ones, and along each of those alone.
+    random = np.random.default_rng(0).normal(size=function.x.size) * ~is_unsafe
+    directions = jnp.array([random, *np.eye(function.x.size)[is_unsafe]])
 
-    def after(step: Callable, x: jax.Array) -> jax.Array:
-        data = step(mjx_model, mjx.make_data(mjx_model).replace(**unravel(x)))
-        return jnp.concatenate([data.qpos, data.qvel, data.act])
+    @jax.jit
+    def differentiate(x, directions):
+        def after(x):
+            return function.after(tog.step, x)
 
-    return Feature(x, after)
+        found, pull = jax.vjp(after, x)
+        forward = jax.vmap(lambda direction: jax.jvp(after, (x,), (direction,))[1])(directions)
+        return found, jax.vmap(lambda row: pull(row)[0])(jnp.eye(found.size)), forward
+
+    found, reverse, forward = map(np.asarray, differentiate(function.x, directions))
+    np.testing.assert_allclose(found, value, rtol=0, atol=1e-12)
+    assert column_errors(reverse, expected)[~is_unsafe].max() <= TOLERANCE
+    along = reverse[:, ~is_unsafe] @ random[~is_unsafe]
+    np.testing.assert_allclose(forward[0], along, rtol=1e-9, atol=1e-9 * np.abs(along).max())
+    for found, column in zip(forward[1:], expected[:, is_unsafe].T, strict=True):
+        np.testing.assert_allclose(found, column, rtol=0, atol=TOLERANCE * np.abs(column).max() + 1e-9)
 
 
-def differences(value: Callable[[jax.Array], jax.Array], x: jax.Array) -> np.ndarray:
-    """The Jacobian [m, n] of `value`, which maps a batch [b, n] to [b, m]."""
-    estimates = []
-    for h in DIFFERENCE_STEPS:
-        steps = h * np.concatenate([d * np.eye(x.size) for d in (1, -1, 2, -2)])
-        plus, minus, plus2, minus2 = np.split(np.asarray(value(x + steps)), 4)
-        estimates.append((8 * (plus - minus) - (plus2 - minus2)).T / (12 * h))
-    changes = [np.abs(a - b).max() for a, b in itertools.pairwise(estimates)]
-    return estimates[int(np.argmin(changes))]
+# RK4 is the integrator whose steps are ours; contacts are what a solver in single precision finds hardest.
+@pytest.mark.parametrize("name", ["weld", "bouncing_sphere"])
+def test_in_single_precision_the_value_is_mjxs(name):
+    with jax.enable_x64(False):
+        function = step_function(load(name))
+        ours, theirs = (jax.jit(lambda x, s=s: function.after(s, x))(function.x) for s in (tog.step, mjx.step))
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
 
 
-@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
-def test_the_value_is_mjxs_and_the_derivative_is_that_of_differences(path):
-    x, after = load(path)
-    stock = jax.jit(jax.vmap(lambda x: after(mjx.step, x)))
-    expected = differences(stock, x)
-    scale = np.abs(expected).max()
+def test_what_stock_mjx_makes_of_rotation_at_rest_and_of_reverse_mode():
+    model = load("collision")
+    _, expected = reference(step_function(model))
+    stock = judge(model, "native, forward", expected)
+    assert stock.word == "wrong"
+    assert stock.error is not None
+    assert stock.error > 1e-4
+    assert judge(model, "native, reverse", expected) == Verdict("error")
 
-    value, pull = jax.vjp(jax.jit(lambda x: after(tog.step, x)), x)
-    np.testing.assert_allclose(value, stock(x[None])[0], rtol=0, atol=1e-12)
-    reverse = np.stack([pull(row)[0] for row in jnp.eye(value.size)])
-    np.testing.assert_allclose(reverse, expected, rtol=0, atol=1e-6 * scale)
 
-    direction = jnp.array(np.random.default_rng(0).normal(size=x.size))
-    forward = jax.jit(lambda x: jax.jvp(lambda x: after(tog.step, x), (x,), (direction,))[1])(x)
-    np.testing.assert_allclose(forward, reverse @ direction, rtol=1e-9, atol=1e-9 * scale)
+def test_mass_moves_no_inverse_weight_but_both_together_are_the_recompiled_model():
+    xml = """<mujoco><option timestep="0.002" tolerance="1e-14" iterations="100" ls_iterations="50"/><worldbody>
+      <geom type="plane" size="1 1 1"/><body pos="0 0 0.099"><joint type="slide" axis="0 0 1"/>
+      <geom size="0.1" mass="{}"/></body></worldbody></mujoco>"""
+    mass = 2.0
+
+    def compiled(mass: float) -> mjx.Model:
+        return mjx.put_model(mujoco.MjModel.from_xml_string(xml.format(mass)))
+
+    @jax.jit
+    def speed(model: mjx.Model) -> jax.Array:
+        return tog.step(model, mjx.make_data(model).replace(qvel=jnp.array([-0.5]))).qvel[0]
+
+    h = 1e-4
+    recompiled = (speed(compiled(mass + h)) - speed(compiled(mass - h))) / (2 * h)
+    model = compiled(mass)
+    gradient = jax.jit(jax.grad(speed, allow_int=True))(model)
+    of_mass, of_weight = gradient.body_mass[1], gradient.body_invweight0[1, 0]
+    assert abs(of_mass - recompiled) > 0.1 * abs(of_mass)
+    np.testing.assert_allclose(of_mass - of_weight / mass**2, recompiled, rtol=1e-6, atol=1e-9)

@@ -6,24 +6,21 @@ again.
 
 import contextlib
 import dataclasses
-import functools
-import hashlib
-import importlib.metadata
 import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jax
-import mujoco
 import numpy as np
 
 from tog_mjx.descent import Descent, Status, descend
+from tog_mjx.digests import program_digest, scene_digest
 from tog_mjx.errors import InputError
 from tog_mjx.gradients import exact, stochastic
 from tog_mjx.rollout import objective
 from tog_mjx.storage import DamagedFileError, load_result, save_result
-from tog_mjx.tasks import TASKS, Rule, Task, get_task
+from tog_mjx.tasks import TASKS, Rule, get_task
 
 METHODS = ("exact", "stochastic")
 
@@ -150,25 +147,6 @@ def summarise(run: Run, descent: Descent) -> dict[str, Any]:
         "seconds_compile": descent.seconds_compile,
         "seconds_run": descent.seconds_run,
     }
-
-
-def scene_digest(task: Task) -> str:
-    """SHA-256 of the compiled scene: any change of a number in its MJCF file changes it."""
-    model = task.scene.model
-    binary = np.empty(mujoco.mj_sizeModel(model), np.uint8)
-    mujoco.mj_saveModel(model, None, binary)
-    return hashlib.sha256(binary.tobytes()).hexdigest()
-
-
-@functools.cache
-def program_digest() -> str:
-    """SHA-256 of this package's code and of the versions of the libraries that compute."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
-    for library in ("jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy"):
-        digest.update(f"{library}=={importlib.metadata.version(library)}".encode())
-    return digest.hexdigest()
 
 
 @contextlib.contextmanager

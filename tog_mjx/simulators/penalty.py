@@ -63,11 +63,18 @@ class PenaltySimulator:
         forces += p.finger_stiffness * (targets - fingers[:, :2]) - p.finger_damping * fingers[:, 2:]
 
         inertia = jnp.array([p.box_mass, p.box_mass, p.box_inertia])
-        box_velocity = box[3:] + p.timestep * (wrench / inertia + jnp.append(weight, 0.0))
-        finger_velocity = fingers[:, 2:] + p.timestep * (forces / p.finger_mass + weight)
+        return self._integrate(state, wrench / inertia + jnp.append(weight, 0.0), forces / p.finger_mass + weight)
+
+    def _integrate(
+        self, state: PlanarState, box_acceleration: Float[AnyArray, "3"], finger_acceleration: Float[AnyArray, "F 2"]
+    ) -> PlanarState:
+        box, fingers = state
+        dt = self.physics.timestep
+        box_velocity = box[3:] + dt * box_acceleration
+        finger_velocity = fingers[:, 2:] + dt * finger_acceleration
         return PlanarState(
-            jnp.concatenate([box[:3] + p.timestep * box_velocity, box_velocity]),
-            jnp.concatenate([fingers[:, :2] + p.timestep * finger_velocity, finger_velocity], axis=1),
+            jnp.concatenate([box[:3] + dt * box_velocity, box_velocity]),
+            jnp.concatenate([fingers[:, :2] + dt * finger_velocity, finger_velocity], axis=1),
         )
 
     def _corner_floor(self, box: Box, corner: Vector) -> Float[Array, "3"]:
@@ -88,7 +95,7 @@ class PenaltySimulator:
         """Force on a finger, and force and torque on the box, where the two meet."""
         p = self.physics
         offset = finger[:2] - box[:2]
-        distance, normal = box_distance(p.box_half, rotate(-box[2], offset))
+        distance, normal = self._distance(rotate(-box[2], offset))
         normal = rotate(box[2], normal)
         gap = distance - p.finger_radius
         arm = offset - normal * (p.finger_radius + gap / 2)
@@ -97,6 +104,10 @@ class PenaltySimulator:
         along_normal, along_tangent = self._force(p.finger_box, gap, velocity @ normal, velocity @ tangent)
         force = along_normal * normal + along_tangent * tangent
         return force, -jnp.append(force, cross(arm, force))
+
+    def _distance(self, point: Vector) -> tuple[Scalar, Vector]:
+        """Signed distance of a point in the box's frame, and the normal along which a finger is pushed."""
+        return box_distance(self.physics.box_half, point)
 
     def _force(self, law: PenaltyLaw, distance: Scalar, normal_speed: Scalar, tangential_speed: Scalar) -> Vector:
         """(f_n, f_t) of the chosen law; zero, with zero gradient, where the bodies are apart."""

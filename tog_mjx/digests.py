@@ -1,0 +1,33 @@
+"""What a result was made with: a digest of the scene, and one of the program.
+
+A result that was kept is read again only if both are the same.
+"""
+
+import functools
+import hashlib
+import importlib.metadata
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from tog_mjx.tasks import Task
+
+
+def scene_digest(task: Task) -> str:
+    """SHA-256 of the compiled scene: any change of a number in its MJCF file changes it."""
+    model = task.scene.model
+    binary = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, binary)
+    return hashlib.sha256(binary.tobytes()).hexdigest()
+
+
+@functools.cache
+def program_digest() -> str:
+    """SHA-256 of this package's code and of the versions of the libraries that compute."""
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    for library in ("jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy"):
+        digest.update(f"{library}=={importlib.metadata.version(library)}".encode())
+    return digest.hexdigest()

@@ -1,0 +1,132 @@
+"""Is the derivative of one step right? Any MJCF scene, at one state, against differences of stock `mjx.step`.
+
+The derivative is that of the next (qpos, qvel, act) in n numbers: (qpos, qvel, act, ctrl), and one number for each
+array of floats of the model (masses, sizes, friction coefficients, solref, ...), which moves it along a fixed random
+direction. Nothing of this package is in the reference.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.flatten_util
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Array, Float
+
+from tog_mjx._mjx import mjx
+from tog_mjx.differences import central_differences, halvings
+from tog_mjx.simulate import STEPS
+
+TOLERANCE = 1e-6
+"""Of the error of a derivative, relative to the largest entry of its column."""
+_STEPS = halvings(2e-4, 10)
+_METHODS: dict[str, tuple[str, Callable, int | None]] = {
+    "implicit, forward": ("implicit", jax.jacfwd, None),
+    "implicit, reverse": ("implicit", jax.jacrev, None),
+    "native, forward": ("native", jax.jacfwd, None),
+    "native, reverse": ("native", jax.jacrev, None),
+    "native, reverse, 1 iteration": ("native", jax.jacrev, 1),
+}
+METHODS = tuple(_METHODS)
+
+
+class Verdict(NamedTuple):
+    """`word` is right, wrong, NaN or error; `error` the largest relative error of a finite column, where there is one.
+
+    NaN means a column of the state or the controls. `nan` names the model's parameters whose columns alone are NaN.
+    """
+
+    word: str
+    error: float | None = None
+    nan: tuple[str, ...] = ()
+
+
+class StepFunction(NamedTuple):
+    """One step of a scene as a function x [n] -> [m] of the state, the controls and the model's parameters.
+
+    `names` [n] says what each number is, states and controls with their index in brackets. `after(step, x)` takes
+    either `step`.
+    """
+
+    names: list[str]
+    x: Float[Array, " n"]
+    after: Callable[[Callable, Array], Array]
+
+
+def step_function(model: mujoco.MjModel, iterations: int | None = None) -> StepFunction:
+    """The step of `model` at its first keyframe, or at its initial pose; `iterations` replaces the solver's number."""
+    start = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, start, 0)
+    state = {name: jnp.array(getattr(start, name)) for name in ("qpos", "qvel", "act", "ctrl")}
+    mjx_model = mjx.put_model(model, impl="jax")
+    if iterations is not None:
+        mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(iterations=iterations))
+    leaves, tree = jax.tree_util.tree_flatten_with_path(mjx_model)
+    moving = [i for i, (_, leaf) in enumerate(leaves) if leaf.size and leaf.dtype == jnp.zeros(0).dtype]
+    rng = np.random.default_rng(0)
+    directions = [_direction(leaves[i][1], rng) for i in moving]
+    x, unravel = jax.flatten_util.ravel_pytree((state, jnp.zeros(len(moving))))
+
+    def after(step: Callable, x: Array) -> Array:
+        state, parameters = unravel(x)
+        values = [leaf for _, leaf in leaves]
+        for k, i in enumerate(moving):
+            values[i] = values[i] + parameters[k] * directions[k]
+        moved = jax.tree.unflatten(tree, values)
+        data = step(moved, mjx.make_data(mjx_model).replace(**state))
+        return jnp.concatenate([data.qpos, data.qvel, data.act])
+
+    names = [f"{name}[{i}]" for name in sorted(state) for i in range(state[name].size)]
+    names += [jax.tree_util.keystr(leaves[i][0], simple=True, separator=".") for i in moving]
+    return StepFunction(names, x, after)
+
+
+def _direction(leaf: Array, rng: np.random.Generator) -> np.ndarray:
+    """Relative where the model gives a number, and absolute where it gives zero."""
+    value = np.asarray(leaf)
+    return np.asarray(rng.uniform(0.5, 1.5, value.shape) * np.where(value == 0, 0.1, value))
+
+
+def reference(function: StepFunction) -> tuple[np.ndarray, np.ndarray]:
+    """The value [m] of stock `mjx.step` and its Jacobian [m, n], by differences of fourth order."""
+    values = jax.jit(jax.vmap(functools.partial(function.after, mjx.step)))
+    # Each column has a step of its own: a problem in one number, of which two points are asked for at a time.
+    directions = np.repeat(np.eye(function.x.size), 2, axis=0)
+    columns = central_differences(
+        lambda t: values(function.x + t * directions), np.zeros((function.x.size, 1)), _STEPS, order=4
+    )
+    return np.asarray(values(function.x[None])[0]), columns.jacobian[:, :, 0].T
+
+
+def check_step(model: mujoco.MjModel, methods: tuple[str, ...] = METHODS) -> dict[str, Verdict]:
+    """Whether the derivative of one step is right, by method. Run it in float64."""
+    _, expected = reference(step_function(model))
+    return {method: judge(model, method, expected) for method in methods}
+
+
+def judge(model: mujoco.MjModel, method: str, expected: Float[np.ndarray, "m n"]) -> Verdict:
+    """The verdict on one method of `METHODS`, given the Jacobian expected."""
+    differentiation, jacobian, iterations = _METHODS[method]
+    function = step_function(model, iterations)
+    try:
+        found = np.asarray(jax.jit(jacobian(functools.partial(function.after, STEPS[differentiation])))(function.x))
+    except ValueError as refusal:  # What JAX raises of a loop of unknown length.
+        if "Reverse-mode differentiation does not work" not in str(refusal):
+            raise
+        return Verdict("error")
+    is_finite = np.isfinite(found).all(0)
+    nan = tuple(name for name, finite in zip(function.names, is_finite, strict=True) if not finite)
+    if any("[" in name for name in nan):
+        return Verdict("NaN")
+    error = float(column_errors(found, expected)[is_finite].max())
+    return Verdict("right" if error <= TOLERANCE else "wrong", error, nan)
+
+
+def column_errors(found: Float[np.ndarray, "m n"], expected: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
+    """The largest error of each column, relative to its largest entry, but to no less than 1e-4 of the Jacobian's."""
+    scale = np.abs(expected).max(0)
+    return np.abs(found - expected).max(0) / np.maximum(scale, 1e-4 * scale.max())
