@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
 from tog_mjx.differences import central_differences, halvings
+from tog_mjx.errors import InputError
 from tog_mjx.simulate import STEPS
 
 TOLERANCE = 1e-6
@@ -102,10 +103,26 @@ def reference(function: StepFunction) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(values(function.x[None])[0]), columns.jacobian[:, :, 0].T
 
 
-def check_step(model: mujoco.MjModel, methods: tuple[str, ...] = METHODS) -> dict[str, Verdict]:
-    """Whether the derivative of one step is right, by method. Run it in float64."""
-    _, expected = reference(step_function(model))
-    return {method: judge(model, method, expected) for method in methods}
+def check_step(
+    model: mujoco.MjModel, methods: tuple[str, ...] = METHODS, report: Callable[[int], None] = lambda _: None
+) -> dict[str, Verdict]:
+    """Whether the derivative of one step is right, by method. Run it in float64.
+
+    `report` is called with the number of methods done.
+
+    Raises:
+      InputError: for a state from which the step itself is not finite.
+    """
+    value, expected = reference(step_function(model))
+    if not (np.isfinite(value).all() and np.isfinite(expected).all()):
+        raise InputError(
+            "a step of mjx.step is not finite here, so there is no derivative to check; choose another state"
+        )
+    verdicts = {}
+    for i, method in enumerate(methods):
+        report(i)
+        verdicts[method] = judge(model, method, expected)
+    return verdicts
 
 
 def judge(model: mujoco.MjModel, method: str, expected: Float[np.ndarray, "m n"]) -> Verdict:

@@ -1,0 +1,45 @@
+"""Is the derivative of one step right? Any MJCF scene, by tog.step and by stock MJX, against differences.
+
+The state is that of the scene's first keyframe, or its initial pose. The derivative is in state, controls and every
+parameter of the model. Prints a table in Markdown.
+"""
+
+import jax
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tog_mjx.console import ArgumentParser, Work, run_main
+from tog_mjx.scene import load_scene
+from tog_mjx.step_check import METHODS, Verdict, check_step
+
+WIDTH = 140
+
+
+def main() -> None:
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", nargs="+", help="an MJCF file, or flip or grasp")
+    args = parser.parse_args()
+    scenes = [load_scene(name) for name in args.scene]
+    progress, table = Work(Console(stderr=True)), Table(box=box.MARKDOWN)
+    for column in ("scene", *METHODS):
+        table.add_column(column, no_wrap=True)
+    not_finite: set[str] = set()
+    with jax.enable_x64():
+        for i, scene in enumerate(scenes, 1):
+            with progress.piece(f"[{i}/{len(scenes)}] {scene.name}", len(METHODS)) as report:
+                verdicts = check_step(scene.model, report=report)
+            table.add_row(scene.name, *map(told, verdicts.values()))
+            not_finite |= {name for verdict in verdicts.values() for name in verdict.nan}
+    Console(width=WIDTH, highlight=False).print(table)
+    if not_finite:
+        print(f"* but NaN in parameters: {', '.join(sorted(not_finite))}")
+
+
+def told(verdict: Verdict) -> str:
+    error = "" if verdict.error is None else f" {verdict.error:.0e}"
+    return f"{verdict.word}{error}{' *' if verdict.nan else ''}"
+
+
+if __name__ == "__main__":
+    run_main(main)
