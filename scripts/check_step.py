@@ -25,15 +25,20 @@ def main() -> None:
     for column in ("scene", *METHODS):
         table.add_column(column, no_wrap=True)
     not_finite: set[str] = set()
+    kinks: dict[str, tuple[str, ...]] = {}
     with jax.enable_x64():
         for i, scene in enumerate(scenes, 1):
             with progress.piece(f"[{i}/{len(scenes)}] {scene.name}", len(METHODS)) as report:
                 verdicts = check_step(scene.model, report=report)
             table.add_row(scene.name, *map(told, verdicts.values()))
+            kinks[scene.name] = next((verdict.kinks for verdict in verdicts.values() if verdict.kinks), ())
             not_finite |= {name for verdict in verdicts.values() for name in verdict.nan}
     Console(width=WIDTH, highlight=False).print(table)
     if not_finite:
         print(f"* but NaN in parameters: {', '.join(sorted(not_finite))}")
+    for name, numbers in kinks.items():
+        if numbers:
+            print(f"{name}: its state is at a kink, so that there is nothing to compare with, in {', '.join(numbers)}")
 
 
 def told(verdict: Verdict) -> str:

@@ -4,7 +4,12 @@ Compilation is what these tests cost. A compiled function takes the simulator as
 physical parameter does not compile again, and always the same number of setpoints.
 """
 
+import contextlib
+import io
+import runpy
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -14,7 +19,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from tog_mjx.console import enable_compilation_cache
+from tog_mjx.console import enable_compilation_cache, run_main
 from tog_mjx.rollout import Trajectory, final_cost, trajectory
 from tog_mjx.simulators import Simulator
 from tog_mjx.tasks import Task, get_task
@@ -52,6 +57,25 @@ def compiled(request) -> Compiled:
         jax.jit(jax.vmap(lambda simulator, u: trajectory(task, simulator, u), (None, 0))),
         jax.jit(jax.vmap(gradient, (None, 0))),
     )
+
+
+@pytest.fixture(scope="session")
+def run_script() -> Callable[..., tuple[int, str, str]]:
+    """Runs a script of the project in this process: its name and arguments to (status, standard output, error)."""
+
+    def run(name: str, *arguments) -> tuple[int, str, str]:
+        path = Path(__file__).parent.parent / "scripts" / name
+        said, complaint, status = io.StringIO(), io.StringIO(), 0
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(sys, "argv", [str(path), *map(str, arguments)])
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(complaint):
+                try:
+                    run_main(runpy.run_path(str(path))["main"])
+                except SystemExit as end:
+                    status = int(end.code or 0)
+        return status, said.getvalue(), complaint.getvalue()
+
+    return run
 
 
 def simulate_in_c(task: Task, u: np.ndarray, model: mujoco.MjModel | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
 """Motions whose derivative is known on paper, through hundreds of steps of contact and friction.
 
-MuJoCo's constraints are soft and its time discrete: with constraints of a time constant of 2 ms and steps of 0.5 ms, the
-motions and their derivatives agree to a per cent or so (to five with MuJoCo's usual 20 ms).
+MuJoCo's constraints are soft and its time discrete: with a time constant of 2 ms and steps of 0.5 ms, the motions and
+their derivatives agree to a per cent or so (to five with MuJoCo's usual 20 ms).
 """
 
 import jax

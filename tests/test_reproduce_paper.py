@@ -1,8 +1,8 @@
 """The main command: what it writes, what it keeps, and what it says of bad input."""
 
+import functools
 import json
 import os
-import runpy
 import signal
 import subprocess
 import sys
@@ -14,7 +14,6 @@ import pytest
 
 from tog_mjx import comparison
 from tog_mjx.comparison import Run
-from tog_mjx.console import run_main
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "reproduce_paper.py"
 QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2"]
@@ -35,20 +34,8 @@ KEYS = [
 
 
 @pytest.fixture
-def script(monkeypatch, capsys):
-    """Runs the script in this process: arguments to (exit status, standard output, standard error)."""
-    main = runpy.run_path(str(SCRIPT))["main"]
-
-    def run(*arguments) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", [str(SCRIPT), *map(str, arguments)])
-        status = 0
-        try:
-            run_main(main)
-        except SystemExit as end:
-            status = int(end.code or 0)
-        return status, *capsys.readouterr()
-
-    return run
+def script(run_script):
+    return functools.partial(run_script, SCRIPT.name)
 
 
 def test_it_writes_results_a_summary_and_a_figure_and_keeps_them(script, tmp_path):
