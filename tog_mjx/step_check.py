@@ -24,8 +24,8 @@ from tog_mjx.simulate import STEPS
 TOLERANCE = 1e-6
 """Of the error of a derivative, relative to the largest entry of its column."""
 _STEPS = halvings(2e-4, 10)
-_SHORT, _BEND = 1e-7, 1e-3
-"""A column whose differences to either side, with that step, disagree by more than that is at a kink."""
+_SHORT, _BEND = 1e-6, 1e-3
+"""Steps, and what the slopes to either side may differ by as the step goes to zero: by more, and there is a kink."""
 _METHODS: dict[str, tuple[str, Callable, int | None]] = {
     "implicit, forward": ("implicit", jax.jacfwd, None),
     "implicit, reverse": ("implicit", jax.jacrev, None),
@@ -108,10 +108,15 @@ def reference(function: StepFunction) -> tuple[np.ndarray, np.ndarray]:
         lambda t: values(function.x + t * directions), np.zeros((function.x.size, 1)), _STEPS, order=4
     )
     jacobian, value = columns.jacobian[:, :, 0].T, np.asarray(values(function.x[None])[0])
-    signs = np.resize([[1.0], [-1.0]], (len(directions), 1))
-    ahead, behind = (np.asarray(values(function.x + _SHORT * signs * directions))[i::2].T for i in (0, 1))
-    bend = np.abs(ahead - 2 * value[:, None] + behind).max(0) / _SHORT
-    jacobian[:, bend > _BEND * _scale(jacobian)] = np.nan
+
+    def bend(h: float) -> np.ndarray:
+        """The slope ahead minus the slope behind, of each column: it shrinks with h, but for a kink."""
+        signs = np.resize([[h], [-h]], (len(directions), 1))
+        found = np.asarray(values(function.x + signs * directions))
+        return (found[::2] - 2 * value + found[1::2]).T / h
+
+    kink = np.abs(2 * bend(_SHORT / 2) - bend(_SHORT)).max(0)
+    jacobian[:, kink > _BEND * _scale(jacobian)] = np.nan
     return value, jacobian
 
 
