@@ -76,7 +76,7 @@ def step_in_c(model: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
     return after[:, 0, 1:]
 
 
-# Every example is compiled, so that a smaller failing one would cost minutes. Another `--hypothesis-seed` draws others.
+# Every example is compiled, so that a smaller failing one would cost minutes.
 @given(models(), st.integers(0, 1000))
 @settings(max_examples=4, phases=[Phase.generate])
 def test_the_derivative_of_a_step(model, seed):
