@@ -4,7 +4,6 @@ Prints a table for each task, and draws the landscapes of MJX and of the penalty
 finished piece is read, not repeated.
 """
 
-import contextlib
 from pathlib import Path
 
 from rich import box
@@ -14,12 +13,11 @@ from rich.table import Table
 from tog_mjx import agreement, friction_law
 from tog_mjx.agreement import METHODS, MJX, PENALTY, REFERENCE, Agreement, Gradients, Piece
 from tog_mjx.console import ArgumentParser, Work, check_writable, run_main
-from tog_mjx.digests import program_digest, scene_digest
 from tog_mjx.figures import draw_agreement
 from tog_mjx.figures.style import save_figure
-from tog_mjx.landscape import Landscape, compute_landscape
+from tog_mjx.landscape import gradient_field, landscape
 from tog_mjx.simulators import TERMS
-from tog_mjx.storage import DamagedFileError, load_result, save_json, save_result
+from tog_mjx.storage import DamagedFileError, save_json
 from tog_mjx.tasks import TASKS, get_task
 
 LANDSCAPE, ARROWS = 40, 12
@@ -167,25 +165,17 @@ def optima(tasks: list[str]) -> Table:
 
 def draw(task: str, found: dict[Piece, Gradients], out: Path, console: Console) -> Path:
     """The figure of one task."""
-    landscapes = {simulator: landscape_of(task, simulator, out, console) for simulator in ("mjx", PENALTY)}
+    fields = {}
+    for simulator in ("mjx", PENALTY):
+        folder = out / task / simulator
+        with Work(console).piece(f"{task}: landscape on {simulator}", LANDSCAPE**2) as report:
+            costs = landscape(get_task(task), simulator, LANDSCAPE, folder, report)
+        with Work(console).piece(f"{task}: gradient field on {simulator}", ARROWS**2) as report:
+            fields[simulator] = costs, gradient_field(get_task(task), simulator, ARROWS, folder, report)
     gradients = [next(r for p, r in found.items() if (p.task, p.method) == (task, m)).gradients for m in (MJX, PENALTY)]
     path = out / f"{task}.png"
-    save_figure(draw_agreement(get_task(task), landscapes, agreement.angles(*gradients)), path)
+    save_figure(draw_agreement(get_task(task), fields, agreement.angles(*gradients)), path)
     return path
-
-
-def landscape_of(task: str, simulator: str, out: Path, console: Console) -> Landscape:
-    """The landscape that was kept beside the figure, or else a new one."""
-    path = out / task / f"landscape-{simulator}.npz"
-    settings = {"size": LANDSCAPE, "arrows": ARROWS, "scene": scene_digest(get_task(task)), "program": program_digest()}
-    with contextlib.suppress(FileNotFoundError, DamagedFileError):
-        arrays, attributes = load_result(path)
-        if attributes == settings:
-            return Landscape(**arrays)
-    with Work(console).piece(f"{task}: landscape on {simulator}", LANDSCAPE**2 + ARROWS**2) as report:
-        landscape = compute_landscape(get_task(task), simulator, LANDSCAPE, ARROWS, report)
-    save_result(path, landscape._asdict(), settings)
-    return landscape
 
 
 if __name__ == "__main__":

@@ -7,9 +7,9 @@ again.
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -18,7 +18,9 @@ from tog_mjx.descent import Descent, Status, descend
 from tog_mjx.digests import program_digest, scene_digest
 from tog_mjx.errors import InputError
 from tog_mjx.gradients import exact, stochastic
+from tog_mjx.published import published
 from tog_mjx.rollout import objective
+from tog_mjx.simulators import precision
 from tog_mjx.storage import DamagedFileError, load_result, save_result
 from tog_mjx.tasks import TASKS, Rule, get_task
 
@@ -149,11 +151,42 @@ def summarise(run: Run, descent: Descent) -> dict[str, Any]:
     }
 
 
+class Row(NamedTuple):
+    """Costs of the first, last and best iterate of a descent; `source` is "published" or a simulator."""
+
+    task: str
+    method: str
+    source: str
+    first: float
+    last: float
+    best: float
+    best_at: str
+
+    @property
+    def descent(self) -> str:
+        return f"{self.task} {self.method}"
+
+
+def table_rows(descents: Mapping[Run, Descent]) -> list[Row]:
+    """These runs beside the published numbers, grouped by task and method, the published ones first."""
+    rows = []
+    for task, method in dict.fromkeys((run.task, run.method) for run in descents):
+        known = published(task, method)
+        at = f"{known.costs.argmin() if known.costs.size else '?'} of {known.iterations}"
+        rows.append(Row(task, method, "published", known.cost_first, known.cost_last, known.cost_best, at))
+        for run, descent in descents.items():
+            if (run.task, run.method) == (task, method):
+                costs = float(descent.costs[0]), float(descent.costs[-1]), float(descent.costs.min())
+                at = f"{descent.best_iteration} of {descent.iterations}"
+                rows.append(Row(task, method, run.simulator, *costs, at))
+    return rows
+
+
 @contextlib.contextmanager
 def _conditions(simulator: str):
     """The precision and the random stream of a simulator's runs; JAX's settings are restored afterwards."""
     with contextlib.ExitStack() as stack:
-        stack.enter_context(jax.enable_x64(simulator != "released"))
+        stack.enter_context(precision(simulator))
         if simulator == "released":
             stack.enter_context(jax.threefry_partitionable(False))
         yield

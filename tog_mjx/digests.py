@@ -13,6 +13,9 @@ import numpy as np
 
 from tog_mjx.tasks import Task
 
+_DRAWS = ("figures", "report", "viewing")
+"""Packages without influence on a result."""
+
 
 def scene_digest(task: Task) -> str:
     """SHA-256 of the compiled scene: any change of a number in its MJCF file changes it."""
@@ -24,10 +27,11 @@ def scene_digest(task: Task) -> str:
 
 @functools.cache
 def program_digest() -> str:
-    """SHA-256 of this package's code and of the versions of the libraries that compute."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).parent.rglob("*.py")):
-        digest.update(path.read_bytes())
+    """SHA-256 of this package's code, without what only draws, and of the versions of the libraries that compute."""
+    digest, package = hashlib.sha256(), Path(__file__).parent
+    for path in sorted(package.rglob("*.py")):
+        if path.relative_to(package).parts[0] not in _DRAWS:
+            digest.update(path.read_bytes())
     for library in ("jax", "jaxlib", "mujoco", "mujoco-mjx", "numpy"):
         digest.update(f"{library}=={importlib.metadata.version(library)}".encode())
     return digest.hexdigest()

@@ -1,52 +1,70 @@
-"""The cost and its gradient over a task's window: J at the setpoints that the window's points expand to."""
+"""The cost and its gradient over a task's window: J at the setpoints that the window's points expand to.
+
+Points are in the window's coordinates (x, z) in m, and run along x first.
+"""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from tog_mjx.batches import map_kept
+from tog_mjx.digests import program_digest, scene_digest
 from tog_mjx.gradients import exact
 from tog_mjx.rollout import final_cost
-from tog_mjx.simulators import make_simulator
+from tog_mjx.simulators import make_simulator, precision
 from tog_mjx.tasks import Task
 from tog_mjx.types import Scalar, Vector
 
-CHUNK = 64
-"""Points computed at a time."""
-
 
 class Landscape(NamedTuple):
-    """Costs [size, size] over `points` [size * size, 2], and gradients [a * a, 2] at the coarser `arrows` [a * a, 2].
-
-    Points and gradients are in the window's coordinates (x, z), and run along x first.
-    """
+    """Costs [size, size] over `points` [size * size, 2]; row i has the i-th z, column j the j-th x."""
 
     points: np.ndarray
     costs: np.ndarray
-    arrows: np.ndarray
+
+
+class GradientField(NamedTuple):
+    """Gradients of J [N, 2] at `points` [N, 2]."""
+
+    points: np.ndarray
     gradients: np.ndarray
 
 
-def compute_landscape(
-    task: Task, simulator: str, size: int, arrows: int, report: Callable[[int], None] = lambda _: None
+def landscape(
+    task: Task, simulator: str, size: int, folder: Path, report: Callable[[int], None] = lambda _: None
 ) -> Landscape:
-    """In float64. `report` is called with the number of points done, of size^2 + arrows^2."""
-    with jax.enable_x64():
-        engine = make_simulator(simulator, task.scene)
+    """`size` x `size` points, the window's edges included. Kept in `folder`; a killed one is continued.
 
-        def cost(point: Vector) -> Scalar:
-            return final_cost(task, engine, task.expand(point))
+    `report` is called with the number of points done.
+    """
+    points = grid(task, size)
+    with precision(simulator):
+        cost = _cost(task, simulator)
+        path = folder / f"landscape_{size}.npz"
+        costs = map_kept(cost, points, path, _settings(task, simulator, "costs"), report)
+    return Landscape(points, costs.reshape(size, size))
 
-        estimate = exact(cost, "forward")
-        points, coarse = grid(task, size), grid(task, arrows, centred=True)
-        costs = _map(cost, points, report)
-        slopes = _map(
-            lambda point: estimate(jax.random.key(0), point)[1], coarse, lambda done: report(len(points) + done)
+
+def gradient_field(
+    task: Task, simulator: str, size: int, folder: Path, report: Callable[[int], None] = lambda _: None
+) -> GradientField:
+    """At the centres of `size` x `size` cells of the window. Kept in `folder`; a killed one is continued."""
+    points = grid(task, size, centred=True)
+    with precision(simulator):
+        estimate = exact(_cost(task, simulator), "forward")
+        path = folder / f"gradient_field_{size}.npz"
+        gradients = map_kept(
+            lambda point: estimate(jax.random.key(0), point)[1],
+            points,
+            path,
+            _settings(task, simulator, "gradients"),
+            report,
         )
-    return Landscape(points, costs.reshape(size, size), coarse, slopes)
+    return GradientField(points, gradients)
 
 
 def grid(task: Task, size: int, centred: bool = False) -> Float[np.ndarray, "N 2"]:
@@ -56,12 +74,20 @@ def grid(task: Task, size: int, centred: bool = False) -> Float[np.ndarray, "N 2
     return np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
 
 
-def _map(function: Callable, points: np.ndarray, report: Callable[[int], None]) -> np.ndarray:
-    """`function` of every point, in chunks of one shape."""
-    run = jax.jit(jax.vmap(function))
-    found = []
-    for first in range(0, len(points), CHUNK):
-        chunk = points[first : first + CHUNK]
-        found.append(np.asarray(run(jnp.asarray(np.resize(chunk, (CHUNK, 2)))))[: len(chunk)])
-        report(first + len(chunk))
-    return np.concatenate(found)
+def _cost(task: Task, simulator: str) -> Callable[[Vector], Scalar]:
+    """J of a point of the window."""
+    engine = make_simulator(simulator, task.scene)
+    return lambda point: final_cost(task, engine, task.expand(point))
+
+
+def _settings(task: Task, simulator: str, what: str) -> dict[str, Any]:
+    """All that the values depend on, but the number of points."""
+    return {
+        "what": what,
+        "simulator": simulator,
+        "task": task.name,
+        "window": task.window,
+        "horizon": task.horizon,
+        "scene": scene_digest(task),
+        "program": program_digest(),
+    }

@@ -30,14 +30,15 @@ class Task:
     """A scene, a horizon and a cost, with Table I's settings. Compared and hashed by identity.
 
     `horizon` is the number of states T, the initial one included: T - 1 time steps. `cost` maps the box's last state
-    [6] to J. `window` is the landscape's ((x_min, x_max), (z_min, z_max)) [m], and `expand` maps its points [2] to
-    setpoints [2F].
+    [6] to J, and `goal` is a pose (x, z, theta) at which J is 0. `window` is the landscape's
+    ((x_min, x_max), (z_min, z_max)) [m], and `expand` maps its points [2] to setpoints [2F].
     """
 
     name: str
     scene: Scene
     horizon: int
     cost: Callable[[Box], Scalar]
+    goal: tuple[float, float, float]
     exact: Rule
     stochastic: Rule
     window: tuple[tuple[float, float], tuple[float, float]]
@@ -73,6 +74,7 @@ def flip() -> Task:
         scene=load_scene("flip"),
         horizon=600,
         cost=flip_cost,
+        goal=(0.0, 0.25, 0.0),
         exact=Rule(step_size=0.1, iterations=5),
         stochastic=Rule(step_size=0.1, iterations=10, sigma=0.5),
         window=((-0.5, 0.5), (0.0, 1.0)),
@@ -88,6 +90,7 @@ def grasp() -> Task:
         scene=load_scene("grasp"),
         horizon=500,
         cost=grasp_cost,
+        goal=(0.0, 1.0, 0.0),
         exact=Rule(step_size=0.5, iterations=100),
         stochastic=Rule(step_size=0.5, iterations=1000, sigma=0.1),
         window=((-1.0, 1.0), (0.0, 2.0)),

@@ -8,40 +8,43 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tog_mjx.figures.style import RC, new_figure
-from tog_mjx.landscape import Landscape
+from tog_mjx.figures.landscapes import fill
+from tog_mjx.figures.style import GUESS, RC, new_figure
+from tog_mjx.landscape import GradientField, Landscape
 from tog_mjx.tasks import Task
 
 
-def draw_agreement(task: Task, landscapes: Mapping[str, Landscape], degrees: Float[np.ndarray, " N"]) -> Figure:
+def draw_agreement(
+    task: Task, fields: Mapping[str, tuple[Landscape, GradientField]], degrees: Float[np.ndarray, " N"]
+) -> Figure:
     """A figure of one task.
 
     Args:
-      landscapes: by simulator, two of them.
+      fields: by simulator, two of them.
       degrees: angles between the two gradients at random setpoints, positive.
     """
     with rc_context({**RC, "axes.grid": False}):
         figure = new_figure(10.5, 3.6)
         *panels, last = figure.subplots(1, 3)
-        low, high = np.percentile([landscape.costs for landscape in landscapes.values()], (0, 98))
+        low, high = np.percentile([landscape.costs for landscape, _ in fields.values()], (0, 98))
         levels = np.linspace(low, high, 15)
-        for axes, (simulator, landscape) in zip(panels, landscapes.items(), strict=True):
-            filled = _draw_landscape(axes, task, landscape, levels)
+        for axes, (simulator, (landscape, field)) in zip(panels, fields.items(), strict=True):
+            filled = fill(axes, task, landscape, levels)
+            _draw_downhill(axes, field)
+            axes.plot(*task.initial_guess[:2], **GUESS)
             axes.set_title(simulator, loc="left")
         figure.colorbar(filled, ax=panels, label=rf"cost $J_\mathrm{{{task.name}}}$", shrink=0.85, format="%.2f")
-        _draw_angles(last, degrees, tuple(landscapes))
+        _draw_angles(last, degrees, tuple(fields))
     return figure
 
 
-def _draw_landscape(axes: Axes, task: Task, landscape: Landscape, levels: np.ndarray):
-    size = len(landscape.costs)
-    x, z = (landscape.points[:, i].reshape(size, size) for i in (0, 1))
-    filled = axes.contourf(x, z, landscape.costs, levels, cmap="cividis", extend="both")
-    norm = np.linalg.norm(landscape.gradients, axis=1)
+def _draw_downhill(axes: Axes, field: GradientField) -> None:
+    """Arrows of one length, none where the gradient is zero."""
+    norm = np.linalg.norm(field.gradients, axis=1)
     moving = norm > 1e-9
-    downhill = -landscape.gradients[moving] / norm[moving, None]
+    downhill = -field.gradients[moving] / norm[moving, None]
     axes.quiver(
-        *landscape.arrows[moving].T,
+        *field.points[moving].T,
         *downhill.T,
         color="white",
         edgecolor="black",
@@ -49,10 +52,6 @@ def _draw_landscape(axes: Axes, task: Task, landscape: Landscape, levels: np.nda
         pivot="mid",
         width=0.007,
     )
-    axes.plot(*task.initial_guess[:2], marker="o", color="#d55e00", markeredgecolor="white", linestyle="none")
-    axes.set_xlabel("setpoint x (m)")
-    axes.set_ylabel("setpoint z (m)")
-    return filled
 
 
 def _draw_angles(axes: Axes, degrees: Float[np.ndarray, " N"], names: tuple[str, ...]) -> None:

@@ -25,11 +25,15 @@ _ROUND = 48
 
 
 class Outline(NamedTuple):
-    """The silhouette of a geom: `polygon` [k, 2] of (x, z) in m, and its colour (red, green, blue, alpha)."""
+    """The silhouette of a geom: `polygon` [k, 2] of (x, z) in m, and its colour (red, green, blue, alpha).
+
+    `moves` is false where the geom is fixed to the world.
+    """
 
     name: str
     polygon: np.ndarray
     color: tuple[float, ...]
+    moves: bool
 
 
 def outlines(model: mujoco.MjModel, data: mujoco.MjData) -> list[Outline]:
@@ -40,7 +44,8 @@ def outlines(model: mujoco.MjModel, data: mujoco.MjData) -> list[Outline]:
         if model.geom_group[i] >= _VISIBLE_GROUPS or color[3] == 0:
             continue
         points = data.geom_xpos[i] + _surface(model, int(i)) @ data.geom_xmat[i].reshape(3, 3).T
-        found.append(Outline(model.geom(int(i)).name, _hull(points[:, [0, 2]]), color))
+        moves = bool(model.body_weldid[model.geom_bodyid[i]])
+        found.append(Outline(model.geom(int(i)).name, _hull(points[:, [0, 2]]), color, moves))
     return found
 
 
@@ -71,6 +76,7 @@ def frame(axes: Axes, x: tuple[float, float], z: tuple[float, float]) -> None:
     axes.set_xlim(*x)
     axes.set_ylim(*z)
     axes.set_aspect("equal")
+    axes.locator_params("x", nbins=6)
     axes.set_xlabel("x (m)")
     axes.set_ylabel("z (m)")
 

@@ -1,5 +1,6 @@
 """One look for all figures: legible in greyscale and to colour-blind eyes, drawn without a display."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,15 @@ METHOD: dict[str, dict[str, Any]] = {
     "exact": {"color": "#1b1b1b", "linestyle": "-", "marker": "o", "label": "exact gradient"},
     "stochastic": {"color": "#d55e00", "linestyle": "--", "marker": "x", "label": "stochastic gradient"},
 }
+GUESS: dict[str, Any] = {
+    "color": "#0072b2",
+    "marker": "D",
+    "markersize": 7,
+    "linestyle": "none",
+    "markeredgecolor": "white",
+    "label": "initial guess",
+    "zorder": 6,
+}
 PUBLISHED: dict[str, Any] = {"linestyle": ":", "linewidth": 1.6, "alpha": 0.7, "zorder": 1}
 
 BEST: dict[str, Any] = {"marker": "*", "markersize": 11, "linestyle": "none", "markeredgecolor": "white", "zorder": 5}
@@ -34,7 +44,8 @@ def new_figure(width: float = 6.4, height: float = 4.0) -> Figure:
         return figure
 
 
-def save_figure(figure: Figure, path: Path) -> None:
-    """Writes the figure, atomically, in the format of the path's suffix."""
-    with rc_context(RC), atomic_write(path) as file:
-        figure.savefig(file, format=path.suffix.removeprefix("."), dpi=160)
+def save_figure(figure: Figure, path: Path, suffixes: Sequence[str] = ()) -> None:
+    """Writes the figure, atomically, in the format of the path's suffix, and beside it in those of `suffixes`."""
+    for name in (path, *(path.with_suffix(suffix) for suffix in suffixes)):
+        with rc_context(RC), atomic_write(name) as file:
+            figure.savefig(file, format=name.suffix.removeprefix("."), dpi=160)

@@ -53,6 +53,11 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
         return SIMULATORS[name].from_scene(scene, **options)
 
 
+def precision(simulator: str):
+    """A context: the released program computes in float32, as it did; the others in float64."""
+    return jax.enable_x64(simulator != "released")
+
+
 def check_names(name: str, options: Mapping[str, str]) -> None:
     """Raises InputError for an unknown simulator, option or value."""
     if name not in list(SIMULATORS):

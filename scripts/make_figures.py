@@ -1,0 +1,53 @@
+"""Draws the paper's Figures 1 to 7 and its Table I, on every simulator asked for, as PNG and PDF.
+
+Descents and landscapes that the folder keeps are read, the others are computed first: the folder is that of
+reproduce_paper.py.
+"""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from tog_mjx import comparison, gallery
+from tog_mjx.comparison import METHODS
+from tog_mjx.console import ArgumentParser, check_writable, run_main
+from tog_mjx.execution import finish_landscape, finish_runs
+from tog_mjx.simulators import SIMULATORS
+from tog_mjx.tasks import TASKS, get_task
+
+
+def main() -> None:
+    args = parse_arguments()
+    console = Console(soft_wrap=True, highlight=False)
+    tasks = list(TASKS) if args.task == "all" else [args.task]
+    runs = comparison.all_runs(args.simulator, tasks, list(METHODS), args.seed, args.iterations)
+    check_writable(args.out)
+    finish_runs(runs, args.out, console)
+    pictures = gallery.draw_common([get_task(name) for name in tasks], args.out)
+    for simulator, task in dict.fromkeys((run.simulator, run.task) for run in runs):
+        landscape = finish_landscape(simulator, task, args.size, args.out, console)
+        descents = {r.method: comparison.load(r, args.out) for r in runs if (r.simulator, r.task) == (simulator, task)}
+        pictures += gallery.draw_task(get_task(task), simulator, descents, landscape, args.out)
+    console.print(f"Table I is in {args.out / 'table_1.md'}; beside each figure lies a PDF:", markup=False)
+    for picture in pictures:
+        console.print(f"  {picture.path}", markup=False)
+
+
+def parse_arguments():
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--task", choices=[*TASKS, "all"], default="all")
+    parser.add_argument("--simulator", choices=list(SIMULATORS), nargs="+", default=list(SIMULATORS))
+    parser.add_argument("--size", type=int, default=200, metavar="N", help="of a landscape: N x N points; default: 200")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the stochastic method (published: 0)")
+    parser.add_argument("--iterations", type=int, metavar="N", help="instead of the numbers of Table I")
+    parser.add_argument("--out", type=Path, default=Path("results"), metavar="DIR", help="default: results")
+    args = parser.parse_args()
+    for option, least in (("seed", 0), ("iterations", 0), ("size", 2)):
+        value = getattr(args, option)
+        if value is not None and value < least:
+            parser.error(f"argument --{option}: {value} is too small; give {least} or more")
+    return args
+
+
+if __name__ == "__main__":
+    run_main(main)

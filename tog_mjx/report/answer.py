@@ -1,0 +1,55 @@
+"""The answer to the paper's question, in one sentence a task, computed from the runs."""
+
+from collections.abc import Mapping
+
+from tog_mjx.comparison import METHODS, Run
+from tog_mjx.descent import Descent
+
+QUESTION = (
+    "To optimise a motion through contact by gradient descent, should one follow the exact gradient of the simulation, "
+    "or a stochastic estimate of it?"
+)
+_LEADING = ("mjx", "penalty", "released")
+"""The simulator whose numbers are quoted is the first of these that ran."""
+_LIFTS = 0.9
+"""A method has moved the task if its best cost is below that share of the first."""
+
+
+def answers(runs: Mapping[Run, Descent]) -> list[str]:
+    """A sentence for each task that both methods ran on."""
+    found = []
+    for task in dict.fromkeys(run.task for run in runs):
+        pairs = {}
+        for simulator in _LEADING:
+            pair = {r.method: d for r, d in runs.items() if (r.task, r.simulator) == (task, simulator)}
+            if set(pair) == set(METHODS):
+                pairs[simulator] = pair
+        if pairs:
+            found.append(_answer(task, pairs))
+    return found
+
+
+def _answer(task: str, pairs: Mapping[str, Mapping[str, Descent]]) -> str:
+    simulator, pair = next(iter(pairs.items()))
+    winner = _winner(pair)
+    loser = next(method for method in METHODS if method != winner)
+    best, other = pair[winner], pair[loser]
+    first = other.costs[0]
+    if other.costs.min() > _LIFTS * first:
+        rest = f"while the {loser} one never leaves the plateau (best {other.costs.min():.3f}, from {first:.3f})"
+    else:
+        rest = f"and the {loser} one gets down to {other.costs.min():.3f} at update {other.best_iteration}"
+    agreeing = [name for name in pairs if _winner(pairs[name]) == winner]
+    agreement = "" if len(pairs) == 1 else f"; {winner} descent finds the lower cost on {_join(agreeing, len(pairs))}"
+    return (
+        f"On the {task}, {winner} descent on {simulator} reaches J = {best.costs.min():.3f} at update "
+        f"{best.best_iteration} of {best.iterations}, {rest}{agreement}."
+    )
+
+
+def _winner(pair: Mapping[str, Descent]) -> str:
+    return min(METHODS, key=lambda method: pair[method].costs.min())
+
+
+def _join(names: list[str], total: int) -> str:
+    return f"all {total} simulators" if len(names) == total else f"{', '.join(names)} only"
