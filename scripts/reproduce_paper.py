@@ -90,6 +90,7 @@ def illustrate(descents: dict[Run, Descent], size: int, out: Path, console: Cons
             if landscape is not None:
                 scenarios.append(finish_scenario(task, simulator, landscape, chosen, console))
         sections.append(Section(f"On {simulator}", sorted(pictures, key=lambda picture: picture.number)))
+    scenarios.reverse()  # MJX, which ran last, is shown first.
     write_report(out / REPORT, descents, sections, scenarios, gallery.table_1(tasks))
 
 

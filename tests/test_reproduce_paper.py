@@ -16,7 +16,7 @@ from tog_mjx import comparison
 from tog_mjx.comparison import Run
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "reproduce_paper.py"
-QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2"]
+QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2", "--landscape", "0"]
 KEYS = [
     "simulator",
     "task",
@@ -66,6 +66,19 @@ def test_it_writes_results_a_summary_and_a_figure_and_keeps_them(script, tmp_pat
     script(*QUICK, "--out", tmp_path, "--method", "exact", "--force")
     changed = {path.name for path, then in times.items() if path.stat().st_mtime_ns != then}
     assert changed == {"exact.npz"}
+
+
+def test_it_writes_a_page_that_holds_every_figure_and_the_motions(script, tmp_path):
+    script(*QUICK, "--out", tmp_path)
+    without = (tmp_path / "report.html").read_text()
+    assert "Figure 3." in without
+    assert 'id="scenarios"' not in without
+    status, _, _ = script(*QUICK, "--landscape", "12", "--out", tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert status == 0
+    assert 'id="scenarios"' in page
+    assert [f"Figure {number}.</strong>" in page for number in range(1, 6)] == [True] * 4 + [False]
+    assert "On the flip, " in page
 
 
 def test_the_results_are_those_of_the_library(script, tmp_path):
@@ -118,7 +131,8 @@ def test_bad_input_is_one_line_and_status_2(script, tmp_path, monkeypatch, argum
 
 
 def test_killed_in_the_middle_it_starts_again_cleanly(tmp_path):
-    command = [sys.executable, SCRIPT, *QUICK[:4], "--method", "stochastic", "--out", tmp_path, "--iterations"]
+    options = [*QUICK[:4], "--landscape", "0", "--method", "stochastic", "--out", tmp_path]
+    command = [sys.executable, SCRIPT, *options, "--iterations"]
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     log = tmp_path.with_suffix(".log")
     with log.open("w") as said, subprocess.Popen([*command, "10000000"], stdout=said, env=environment) as process:
@@ -132,5 +146,7 @@ def test_killed_in_the_middle_it_starts_again_cleanly(tmp_path):
     done = subprocess.run([*command, "2"], capture_output=True, text=True, check=True)
     assert "iterations exhausted" in done.stdout
     assert done.stderr == ""
-    files = [str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()]
-    assert sorted(files) == ["penalty/figure_3.png", "penalty/flip/stochastic.npz", "summary.json"]
+    figures = ["figure_1", "penalty/figure_3", "penalty/figure_4"]
+    expected = [f"{figure}.{suffix}" for figure in figures for suffix in ("png", "pdf")]
+    expected += ["penalty/flip/stochastic.npz", "report.html", "summary.json", "table_1.md"]
+    assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()} == set(expected)

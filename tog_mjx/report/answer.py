@@ -11,8 +11,8 @@ QUESTION = (
 )
 _LEADING = ("mjx", "penalty", "released")
 """The simulator whose numbers are quoted is the first of these that ran."""
-_LIFTS = 0.9
-"""A method has moved the task if its best cost is below that share of the first."""
+_PLATEAU = 0.9
+"""A method that stays above that share of the first cost has not moved the box."""
 
 
 def answers(runs: Mapping[Run, Descent]) -> list[str]:
@@ -35,12 +35,12 @@ def _answer(task: str, pairs: Mapping[str, Mapping[str, Descent]]) -> str:
     loser = next(method for method in METHODS if method != winner)
     best, other = pair[winner], pair[loser]
     first = other.costs[0]
-    if other.costs.min() > _LIFTS * first:
+    if other.costs.min() > _PLATEAU * first:
         rest = f"while the {loser} one never leaves the plateau (best {other.costs.min():.3f}, from {first:.3f})"
     else:
         rest = f"and the {loser} one gets down to {other.costs.min():.3f} at update {other.best_iteration}"
     agreeing = [name for name in pairs if _winner(pairs[name]) == winner]
-    agreement = "" if len(pairs) == 1 else f"; {winner} descent finds the lower cost on {_join(agreeing, len(pairs))}"
+    agreement = "" if len(pairs) == 1 else f"; {winner} descent finds the lower cost on {_on(agreeing, len(pairs))}"
     return (
         f"On the {task}, {winner} descent on {simulator} reaches J = {best.costs.min():.3f} at update "
         f"{best.best_iteration} of {best.iterations}, {rest}{agreement}."
@@ -51,5 +51,7 @@ def _winner(pair: Mapping[str, Descent]) -> str:
     return min(METHODS, key=lambda method: pair[method].costs.min())
 
 
-def _join(names: list[str], total: int) -> str:
-    return f"all {total} simulators" if len(names) == total else f"{', '.join(names)} only"
+def _on(names: list[str], total: int) -> str:
+    if len(names) < total:
+        return f"{', '.join(names)} only"
+    return "both simulators" if total == 2 else f"all {total} simulators"

@@ -59,7 +59,7 @@
   function drawLandscape() {
     const scenario = state.scenario;
     landscape.replaceChildren();
-    landscape.setAttribute("viewBox", "-14 -4 120 120");
+    landscape.setAttribute("viewBox", "-18 -4 123 122");
     add(landscape, "image", { href: scenario.landscape, width: 100, height: 100, preserveAspectRatio: "none",
       style: "image-rendering: pixelated" });
     scenario.window.forEach(([low, high], axis) => {
@@ -72,7 +72,7 @@
     });
     const whose = scenario.setpoints[0].length > 2 ? " of the left finger" : "";
     add(landscape, "text", { x: 50, y: 113, "font-size": 4.5, "text-anchor": "middle" }, `setpoint x${whose} (m)`);
-    add(landscape, "text", { transform: "translate(-11 50) rotate(-90)", "font-size": 4.5, "text-anchor": "middle" },
+    add(landscape, "text", { transform: "translate(-14 50) rotate(-90)", "font-size": 4.5, "text-anchor": "middle" },
       `setpoint z${whose} (m)`);
     const clip = add(add(landscape, "clipPath", { id: "inside" }), "rect", { width: 100, height: 100 });
     clip.setAttribute("x", 0);

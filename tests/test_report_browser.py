@@ -1,0 +1,171 @@
+"""The page in a real browser: it needs no network, and what it shows are the motions it carries."""
+
+import re
+import shutil
+
+import numpy as np
+import pytest
+
+from tog_mjx.descent import Descent, Status
+from tog_mjx.gallery import draw_common, table_1
+from tog_mjx.landscape import landscape
+from tog_mjx.report import Section, write_report
+from tog_mjx.report.playback import GRID, QUANTUM, scenario, unpack
+from tog_mjx.tasks import get_task
+
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[browser]'")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def content(tmp_path_factory):
+    """The page's path, and its scenarios with their poses: both tasks on the penalty simulator."""
+    out = tmp_path_factory.mktemp("browser")
+    scenarios = []
+    for name in ("flip", "grasp"):
+        task = get_task(name)
+        setpoints = np.array([task.initial_guess, task.initial_guess * 1.5])
+        descent = Descent(np.array([1.0, 0.5]), setpoints, 0 * setpoints, Status.EXHAUSTED, 0.0, 0.0)
+        costs = landscape(task, "penalty", 20, out / name)
+        scenarios.append(scenario(task, "penalty", costs, {"exact": descent, "stochastic": descent}))
+    tasks = [get_task("flip"), get_task("grasp")]
+    write_report(out / "report.html", {}, [Section("The tasks", draw_common(tasks, out))], scenarios, table_1(tasks))
+    poses = [
+        unpack(one["motions"], (len(one["setpoints"]), len(one["seconds"]), 3 + len(one["setpoints"][0])))
+        for one in scenarios
+    ]
+    return out / "report.html", scenarios, poses
+
+
+@pytest.fixture
+def page(chromium, content):
+    """Opened, with all that it said and asked for in `said` and `asked`."""
+    page = chromium.new_page(viewport={"width": 1100, "height": 900})
+    page.said, page.asked = [], []
+    page.on("console", lambda message: page.said.append(message.text))
+    page.on("pageerror", lambda error: page.said.append(str(error)))
+    page.on("request", lambda request: page.asked.append(request.url))
+    page.goto(content[0].as_uri())
+    page.wait_for_selector("body[data-ready='0']")
+    yield page
+    page.close()
+
+
+def shown(page) -> tuple[float, float, float]:
+    """x, z and theta of the box drawn."""
+    transform = page.locator("#box").get_attribute("transform")
+    x, z, degrees = map(float, re.findall(r"-?[\d.]+(?:e-?\d+)?", transform))
+    return x, z, np.deg2rad(degrees)
+
+
+def frame(page) -> int:
+    """The number that the time's slider stands at."""
+    return int(page.locator("#time").input_value())
+
+
+def until(page, condition) -> None:
+    """Waits, for ten seconds at most. The page forbids the evaluation of strings, by which playwright would wait."""
+    for _ in range(500):
+        if condition():
+            return
+        page.wait_for_timeout(20)
+    raise AssertionError("it did not come about within ten seconds")
+
+
+def test_it_loads_from_disk_without_a_word_and_without_the_network(page, content):
+    page.locator("#landscape").click(position={"x": 100, "y": 100})
+    page.locator("#play").click()
+    page.wait_for_timeout(200)
+    assert page.said == []
+    assert {address.split(":")[0] for address in page.asked} <= {"file", "data"}
+    assert [address for address in page.asked if address.startswith("file")] == [content[0].as_uri()]
+
+
+def test_a_click_on_the_landscape_shows_the_motion_simulated_there(page, content):
+    _, (one, _), (poses, _) = content
+    before = shown(page)
+    page.locator("#time").evaluate("slider => { slider.value = slider.max; slider.dispatchEvent(new Event('input')) }")
+    image = page.locator("#landscape image").bounding_box()
+    # A quarter from the left, a quarter from the top: column 8 and row 24 of 33 x 33.
+    page.mouse.click(image["x"] + image["width"] / 4, image["y"] + image["height"] / 4)
+    motion = 24 * GRID + 8
+    np.testing.assert_allclose(shown(page), poses[motion, -1, :3], atol=QUANTUM)
+    assert np.abs(np.subtract(shown(page), before)).max() > 0.05
+    said = page.locator("#said").inner_text()
+    x, z = one["setpoints"][motion]
+    assert f"setpoint ({x:.3f}, {z:.3f}) m: J = {one['costs'][motion]:.4f}" in said
+
+
+def test_play_advances_and_pause_holds(page, content):
+    _, (one, _), _ = content
+    start = shown(page)
+    page.locator("#speed").select_option("0.1")
+    page.locator("#play").click()
+    until(page, lambda: frame(page) > 5)
+    page.locator("#play").click()
+    assert page.locator("#play").inner_text() == "Play"
+    held = shown(page)
+    assert held != start
+    page.wait_for_timeout(150)
+    assert shown(page) == held
+    page.locator("#speed").select_option("1")
+    page.locator("#play").click()
+    until(page, lambda: frame(page) == len(one["seconds"]) - 1)
+    until(page, lambda: page.locator("#play").inner_text() == "Play")
+
+
+def test_the_keyboard_scrubs_picks_and_plays(page, content):
+    _, (one, _), (poses, _) = content
+    first = one["paths"]["exact"]["first"] + 1  # The best iterate is shown at first.
+    page.locator("#time").focus()
+    for _ in range(7):
+        page.keyboard.press("ArrowRight")
+    np.testing.assert_allclose(shown(page), poses[first, 7, :3], atol=QUANTUM)
+    page.keyboard.press("End")
+    np.testing.assert_allclose(shown(page), poses[first, -1, :3], atol=QUANTUM)
+
+    page.locator("#landscape").focus()
+    page.keyboard.press("ArrowUp")  # From (0, 0.375), a point of the grid.
+    np.testing.assert_allclose(shown(page), poses[13 * GRID + 16, -1, :3], atol=QUANTUM)
+    page.keyboard.press("ArrowRight")
+    np.testing.assert_allclose(shown(page), poses[13 * GRID + 17, -1, :3], atol=QUANTUM)
+    page.locator("#play").focus()
+    page.keyboard.press("Space")
+    until(page, lambda: page.locator("#play").inner_text() == "Pause")
+
+
+def test_an_iterate_of_a_descent_and_another_scenario(page, content):
+    _, (_, two), (_, poses) = content
+    page.locator("#scenario").select_option("1")
+    page.wait_for_selector("body[data-ready='1']")
+    page.locator("#source").select_option("stochastic")
+    page.locator("#iterate").focus()
+    page.keyboard.press("End")
+    page.locator("#time").focus()
+    page.keyboard.press("End")
+    first = two["paths"]["stochastic"]["first"]
+    np.testing.assert_allclose(shown(page), poses[first + 1, -1, :3], atol=QUANTUM)
+    assert "grasp on penalty, setpoint (-0.075, 0.375, 0.075, 0.375) m" in page.locator("#said").inner_text()
+    assert page.locator("#motion circle").count() == 2
+    assert page.said == []
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_needs_no_sideways_scrolling_and_the_night_is_dark(chromium, content, scheme):
+    page = chromium.new_page(viewport={"width": 360, "height": 740}, color_scheme=scheme)
+    page.goto(content[0].as_uri())
+    page.wait_for_selector("body[data-ready='0']")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    back = page.evaluate("getComputedStyle(document.body).backgroundColor")
+    brightness = np.mean([int(number) for number in re.findall(r"\d+", back)[:3]])
+    assert brightness > 200 if scheme == "light" else brightness < 50
+    page.close()
