@@ -62,7 +62,7 @@ def parse_arguments():
     parser.add_argument("--iterations", type=int, metavar="N", help="instead of the numbers of Table I")
     parser.add_argument("--out", type=Path, default=Path("results"), metavar="DIR", help="default: results")
     parser.add_argument(
-        "--landscape", type=int, default=200, metavar="N", help="its points along each axis; 0: none; default: 200"
+        "--landscape", type=int, default=100, metavar="N", help="points along each axis (the paper: 200); 0: none"
     )
     parser.add_argument("--force", action="store_true", help="repeat finished runs and replace their results")
     args = parser.parse_args()
