@@ -77,21 +77,31 @@ def parse_arguments():
 def illustrate(descents: dict[Run, Descent], size: int, out: Path, console: Console) -> None:
     """All figures, and the page that holds everything. Without landscapes (size 0), the figures that need none."""
     tasks = [get_task(name) for name in dict.fromkeys(run.task for run in descents)]
-    sections = [Section("The tasks", gallery.draw_common(tasks, out))]
+    common = Section("The tasks", gallery.draw_common(tasks, out))
+    # The quick simulators are computed first; MJX, the last one, is what a reader came for.
+    found = [
+        illustrate_simulator(simulator, descents, size, out, console)
+        for simulator in dict.fromkeys(run.simulator for run in descents)
+    ][::-1]
+    scenarios = [one for _, played in found for one in played]
+    write_report(
+        out / REPORT, descents, [common, *(section for section, _ in found)], scenarios, gallery.table_1(tasks)
+    )
+
+
+def illustrate_simulator(
+    simulator: str, descents: dict[Run, Descent], size: int, out: Path, console: Console
+) -> tuple[Section, list[dict[str, Any]]]:
+    """The figures of one simulator, and what the page plays of it."""
+    pictures: list[Picture] = []
     scenarios = []
-    for simulator in dict.fromkeys(run.simulator for run in descents):
-        pictures: list[Picture] = []
-        for task in tasks:
-            chosen = {r.method: d for r, d in descents.items() if (r.simulator, r.task) == (simulator, task.name)}
-            if not chosen:
-                continue
-            landscape = finish_landscape(simulator, task.name, size, out, console) if size else None
-            pictures += gallery.draw_task(task, simulator, chosen, landscape, out)
-            if landscape is not None:
-                scenarios.append(finish_scenario(task, simulator, landscape, chosen, console))
-        sections.append(Section(f"On {simulator}", sorted(pictures, key=lambda picture: picture.number)))
-    scenarios.reverse()  # MJX, which ran last, is shown first.
-    write_report(out / REPORT, descents, sections, scenarios, gallery.table_1(tasks))
+    for name in dict.fromkeys(run.task for run in descents if run.simulator == simulator):
+        chosen = {run.method: d for run, d in descents.items() if (run.simulator, run.task) == (simulator, name)}
+        landscape = finish_landscape(simulator, name, size, out, console) if size else None
+        pictures += gallery.draw_task(get_task(name), simulator, chosen, landscape, out)
+        if landscape is not None:
+            scenarios.append(finish_scenario(get_task(name), simulator, landscape, chosen, console))
+    return Section(f"On {simulator}", pictures), scenarios
 
 
 def finish_scenario(
