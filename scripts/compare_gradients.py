@@ -168,9 +168,9 @@ def draw(task: str, found: dict[Piece, Gradients], out: Path, console: Console) 
     fields = {}
     for simulator in ("mjx", PENALTY):
         folder = out / task / simulator
-        with Work(console).piece(f"{task}: landscape on {simulator}", LANDSCAPE**2) as report:
+        with Work(console).piece(f"{task}: landscape on {simulator}", LANDSCAPE**2, "reading or compiling") as report:
             costs = landscape(get_task(task), simulator, LANDSCAPE, folder, report)
-        with Work(console).piece(f"{task}: gradient field on {simulator}", ARROWS**2) as report:
+        with Work(console).piece(f"{task}: gradient field on {simulator}", ARROWS**2, "reading or compiling") as report:
             fields[simulator] = costs, gradient_field(get_task(task), simulator, ARROWS, folder, report)
     gradients = [next(r for p, r in found.items() if (p.task, p.method) == (task, m)).gradients for m in (MJX, PENALTY)]
     path = out / f"{task}.png"

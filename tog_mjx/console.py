@@ -89,24 +89,24 @@ class Work:
         self._bars = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
 
     @contextlib.contextmanager
-    def piece(self, name: str, total: int) -> Iterator[Callable[[int], None]]:
-        """One piece of `total` steps. Yields what to call with the number done; before the first call it compiles."""
+    def piece(self, name: str, total: int, first: str = "compiling") -> Iterator[Callable[[int], None]]:
+        """One piece of `total` steps. Yields what to call with the number done; `first` is what comes before that."""
         if not self.console.is_terminal:
-            self.console.print(f"{name}: compiling", markup=False)
-        bar = self._bars.add_task(escape(f"{name}: compiling"), total=None)
-        first: tuple[float, int] | None = None
+            self.console.print(f"{name}: {first}", markup=False)
+        bar = self._bars.add_task(escape(f"{name}: {first}"), total=None)
+        began: tuple[float, int] | None = None
         said = 0.0
 
         def report(done: int) -> None:
-            nonlocal first, said
+            nonlocal began, said
             self._bars.update(bar, description=escape(f"{name}: running"), total=total, completed=done)
             now = time.monotonic()
-            if first is None:  # The time before it was the compiler's.
-                first, said = (now, done), now
+            if began is None:  # The time before it was the compiler's.
+                began, said = (now, done), now
                 if not self.console.is_terminal:
                     self.console.print(f"{name}: running", markup=False)
             elif not self.console.is_terminal and now - said > _SECONDS_BETWEEN_LINES:
-                left = (now - first[0]) / (done - first[1]) * (total - done)
+                left = (now - began[0]) / (done - began[1]) * (total - done)
                 self.console.print(f"{name}: {done} of {total}, about {left:.0f} s left", markup=False)
                 said = now
 

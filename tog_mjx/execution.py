@@ -54,7 +54,9 @@ def find_finished(runs: Sequence[Run], out: Path, console: Console, strict: bool
 
 def finish_landscape(simulator: str, task: str, size: int, out: Path, console: Console) -> Landscape:
     """The landscape that `out` keeps, completed or computed."""
-    with Work(console).piece(f"{simulator} {task} landscape, {size} x {size}", size**2) as report:
+    with Work(console).piece(
+        f"{simulator} {task} landscape, {size} x {size}", size**2, "reading or compiling"
+    ) as report:
         return landscape(get_task(task), simulator, size, out / simulator / task, report)
 
 
