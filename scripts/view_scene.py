@@ -67,25 +67,16 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--iterate", type=which, metavar="best|last|N", help=iterate)
     where = parser.add_argument_group("where to show it (default: a window)")
     where.add_argument("--web", action="store_true", help="serve a page for a browser, to other computers too")
-    where.add_argument(
-        "--port", type=within(int, 0, 65535), metavar="N", help="default: the first free one from 8080 on"
-    )
+    where.add_argument("--port", type=within(int, 0, 65535), metavar="N", help="default: the first free from 8080 on")
     where.add_argument("--gif", type=Path, metavar="FILE", help="write an animated GIF")
     where.add_argument("--mp4", type=Path, metavar="FILE", help="write a video; it needs pip install '.[video]'")
     how = parser.add_argument_group("how")
-    how.add_argument(
-        "--duration",
-        type=within(float, 0.001, 600),
-        metavar="S",
-        help=f"default: the task's horizon, else {DURATION:g}",
-    )
+    seconds = f"default: the task's horizon, else {DURATION:g} s"
+    how.add_argument("--duration", type=within(float, 0.001, 600), metavar="S", help=seconds)
     how.add_argument("--fps", type=within(float, 1, 100), metavar="N", help="default: 25")
-    how.add_argument(
-        "--speed", type=within(float, 0.01, 100), metavar="R", help=f"default: 1, real time; {SLOW:g} for a task's file"
-    )
-    how.add_argument(
-        "--size", type=within(int, 16, 4096), nargs=2, metavar=("W", "H"), help="default: 640 360 (pixels)"
-    )
+    rate = f"default: 1, real time; {SLOW:g} for a file of a task"
+    how.add_argument("--speed", type=within(float, 0.01, 100), metavar="R", help=rate)
+    how.add_argument("--size", type=within(int, 16, 4096), nargs=2, metavar=("W", "H"), help="default: 640 360")
     return check(parser, parser.parse_args())
 
 
