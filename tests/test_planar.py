@@ -30,10 +30,9 @@ def area(polygon: np.ndarray) -> float:
 
 @pytest.mark.parametrize("element", ["geom", "site"])
 def test_a_turned_boxs_outline_is_its_four_corners(element):
-    outline = only_outline(
-        f'<{element} name="b" type="box" size="0.3 0.2 0.1" pos="1 5 2" euler="0 {-np.degrees(ANGLE)} 0" rgba="1 0 0 .5"/>'
-    )
-    expected = [1, 2] + turned([[0.3, 0.1], [-0.3, 0.1], [-0.3, -0.1], [0.3, -0.1]])
+    pose = f'pos="1 5 2" euler="0 {-np.degrees(ANGLE)} 0"'
+    outline = only_outline(f'<{element} name="b" type="box" size="0.3 0.2 0.1" {pose} rgba="1 0 0 .5"/>')
+    expected = np.array([1, 2]) + turned([[0.3, 0.1], [-0.3, 0.1], [-0.3, -0.1], [0.3, -0.1]])
     assert outline.name == "b"
     np.testing.assert_allclose(outline.color, [1, 0, 0, 0.5])
     assert len(outline.polygon) == 4

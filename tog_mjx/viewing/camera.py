@@ -44,12 +44,15 @@ def aim(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, "n n
     if not moving.any():
         return
     low, high = [], []
-    radius = model.geom_rbound[moving, None]
+    centre, half = model.geom_aabb[moving, :3, None], model.geom_aabb[moving, 3:, None]
     for position in qpos:
         data.qpos[:] = position
         mujoco.mj_kinematics(model, data)
-        low.append((data.geom_xpos[moving] - radius).min(axis=0))
-        high.append((data.geom_xpos[moving] + radius).max(axis=0))
+        rotation = data.geom_xmat[moving].reshape(-1, 3, 3)
+        middle = data.geom_xpos[moving] + (rotation @ centre)[:, :, 0]
+        reach = (np.abs(rotation) @ half)[:, :, 0]
+        low.append((middle - reach).min(axis=0))
+        high.append((middle + reach).max(axis=0))
     ends = np.array([np.min(low, axis=0), np.max(high, axis=0)])
     camera = _side_camera(model)
     if camera >= 0:

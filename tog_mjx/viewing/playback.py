@@ -1,7 +1,5 @@
 """What a viewer shows as time goes by: a live simulation, or a motion in a loop. Both are advanced by wall time."""
 
-from typing import Protocol
-
 import mujoco
 import numpy as np
 
@@ -11,16 +9,6 @@ HOLD = 1.0
 """Seconds for which the start of a simulation and the end of a motion stay, to be seen."""
 _MAX_LAG = 0.1
 """Seconds of simulation that are made up for at most: where a computer is too slow, the simulation is slow too."""
-
-
-class Playback(Protocol):
-    """Something that moves `data`, the state that a viewer shows."""
-
-    model: mujoco.MjModel
-    data: mujoco.MjData
-
-    def advance(self, seconds: float) -> None:
-        """Moves on by `seconds`."""
 
 
 class Live:
@@ -54,3 +42,6 @@ class Loop:
         self.data.qpos[:] = self._motion.at(np.array([self._clock]))[0]
         self.data.qvel[:] = 0
         mujoco.mj_forward(self.model, self.data)
+
+
+Playback = Live | Loop
