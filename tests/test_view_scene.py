@@ -114,9 +114,9 @@ def test_a_video_shows_the_box_where_the_motion_is(run_script, result, tmp_path,
     assert len(frames) == 13
     motion = np.asarray(rollout("flip", U, "penalty").box)[:, :3]
     for i, frame in enumerate(frames):
-        np.testing.assert_allclose(
-            box_edges(frame), expected_edges(motion[min(50 * i, 599)], 480, 270, "disable"), atol=PIXELS + 1
-        )
+        expected, found = expected_edges(motion[min(50 * i, 599)], 480, 270, "disable"), box_edges(frame)
+        np.testing.assert_allclose(found[::2] + found[1::2], expected[::2] + expected[1::2], atol=2 * PIXELS)
+        np.testing.assert_allclose(found, expected, atol=2 * PIXELS)  # H.264 keeps colour at half the resolution.
 
 
 def test_any_scene_is_shown_also_one_that_mjx_rejects(run_script, tmp_path, backend):
