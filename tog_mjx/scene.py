@@ -203,13 +203,12 @@ def scene_path(scene: str | Path) -> Path:
     return path
 
 
-def load_scene(scene: str | Path) -> Scene:
-    """Compiles a scene, given by its name or as the path of any MJCF file, and checks that MJX can simulate it.
+def compile_model(path: Path) -> mujoco.MjModel:
+    """Compiles an MJCF file with MuJoCo, which may hold more than MJX can simulate.
 
     Raises:
-      InputError: one line for a file that is missing, malformed, or uses a feature that MJX lacks.
+      InputError: one line for a file that is malformed.
     """
-    path = scene_path(scene)
     try:
         # MuJoCo's own warnings would go to standard output and into a log file in the working folder.
         mujoco.set_mju_user_warning(lambda _: None)
@@ -220,5 +219,16 @@ def load_scene(scene: str | Path) -> Scene:
         mujoco.set_mju_user_warning(None)
     if not 0 < model.opt.timestep < np.inf:
         raise InputError(f"{path}: <option timestep> is {model.opt.timestep}; give a positive number of seconds")
+    return model
+
+
+def load_scene(scene: str | Path) -> Scene:
+    """Compiles a scene, given by its name or as the path of any MJCF file, and checks that MJX can simulate it.
+
+    Raises:
+      InputError: one line for a file that is missing, malformed, or uses a feature that MJX lacks.
+    """
+    path = scene_path(scene)
+    model = compile_model(path)
     check_supported(model, path)
     return Scene(path.stem, model)

@@ -5,6 +5,7 @@ CRC-32 that the zip format keeps of every member is checked on reading.
 """
 
 import contextlib
+import errno
 import json
 import os
 import tempfile
@@ -47,6 +48,21 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     finally:
         if partial is not None:
             partial.unlink(missing_ok=True)
+
+
+def check_writable(path: Path) -> None:
+    """Fails before the work where `atomic_write` would fail after it.
+
+    Raises:
+      InputError: where the folder or the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=path.parent).close()
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another file") from None
 
 
 def _umask() -> int:

@@ -22,6 +22,8 @@ _FAR = 100.0
 """Half the side of an infinite plane, and the depth of the ground below it, in m."""
 _ROUND = 48
 """Points of a circle."""
+_CORNERS = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3)
+"""Of a cube of side 2."""
 
 
 class Outline(NamedTuple):
@@ -46,6 +48,20 @@ def outlines(model: mujoco.MjModel, data: mujoco.MjData) -> list[Outline]:
         points = data.geom_xpos[i] + _surface(model, int(i)) @ data.geom_xmat[i].reshape(3, 3).T
         moves = bool(model.body_weldid[model.geom_bodyid[i]])
         found.append(Outline(model.geom(int(i)).name, _hull(points[:, [0, 2]]), color, moves))
+    return found
+
+
+def site_outlines(model: mujoco.MjModel, data: mujoco.MjData) -> list[Outline]:
+    """The silhouettes of the visible sites, as `outlines`. Their materials are left out."""
+    found = []
+    for i in np.argsort(-data.site_xpos[:, 1], kind="stable").tolist():
+        color = tuple(float(c) for c in model.site_rgba[i])
+        if model.site_group[i] >= _VISIBLE_GROUPS or color[3] == 0:
+            continue
+        surface = _primitive(mujoco.mjtGeom(int(model.site_type[i])), model.site_size[i])
+        points = data.site_xpos[i] + surface @ data.site_xmat[i].reshape(3, 3).T
+        moves = bool(model.body_weldid[model.site_bodyid[i]])
+        found.append(Outline(model.site(i).name, _hull(points[:, [0, 2]]), color, moves))
     return found
 
 
@@ -90,16 +106,26 @@ def _color(model: mujoco.MjModel, geom: int) -> tuple[float, ...]:
 
 def _surface(model: mujoco.MjModel, geom: int) -> np.ndarray:
     """Points [k, 3] in the geom's frame, whose convex hull is the geom or contains it."""
-    kind, size = mujoco.mjtGeom(int(model.geom_type[geom])), model.geom_size[geom]
-    corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), -1).reshape(-1, 3)
+    match kind := mujoco.mjtGeom(int(model.geom_type[geom])):
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            first = model.mesh_vertadr[mesh]
+            return model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+        case mujoco.mjtGeom.mjGEOM_HFIELD | mujoco.mjtGeom.mjGEOM_SDF:  # The box that bounds it.
+            centre, half = model.geom_aabb[geom].reshape(2, 3)
+            return centre + half * _CORNERS
+        case _:
+            return _primitive(kind, model.geom_size[geom])
+
+
+def _primitive(kind: mujoco.mjtGeom, size: np.ndarray) -> np.ndarray:
     polar, around = np.meshgrid(np.linspace(0, np.pi, _ROUND // 2 + 1), np.linspace(0, 2 * np.pi, _ROUND))
-    sphere = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1).reshape(
-        -1, 3
-    )
+    sphere = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], -1)
+    sphere = sphere.reshape(-1, 3)
     ends = np.array([[0, 0, -1], [0, 0, 1]])[:, None]
     match kind:
         case mujoco.mjtGeom.mjGEOM_PLANE:
-            return corners * [size[0] or _FAR, size[1] or _FAR, _FAR / 2] - [0, 0, _FAR / 2]
+            return _CORNERS * [size[0] or _FAR, size[1] or _FAR, _FAR / 2] - [0, 0, _FAR / 2]
         case mujoco.mjtGeom.mjGEOM_SPHERE:
             return size[0] * sphere
         case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
@@ -109,15 +135,8 @@ def _surface(model: mujoco.MjModel, geom: int) -> np.ndarray:
         case mujoco.mjtGeom.mjGEOM_CYLINDER:
             rim = np.stack([np.cos(around[:, 0]), np.sin(around[:, 0]), 0 * around[:, 0]], -1)
             return (size[0] * rim + size[1] * ends).reshape(-1, 3)
-        case mujoco.mjtGeom.mjGEOM_BOX:
-            return size * corners
-        case mujoco.mjtGeom.mjGEOM_MESH:
-            mesh = model.geom_dataid[geom]
-            first = model.mesh_vertadr[mesh]
-            return model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
-        case _:  # Height fields and signed distance fields: the box that bounds them.
-            centre, half = model.geom_aabb[geom].reshape(2, 3)
-            return centre + half * corners
+        case _:
+            return size * _CORNERS
 
 
 def _hull(points: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "m 2"]:

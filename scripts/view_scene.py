@@ -1,0 +1,147 @@
+"""Look at a scene, or at the motion that a run found: in a window, in a web browser, or as a GIF or a video.
+
+Without --run, C MuJoCo simulates the scene under constant setpoints. With --run, the motion is that of the simulator
+which made the result.
+"""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from tog_mjx import viewing
+from tog_mjx.console import ArgumentParser, run_main
+from tog_mjx.errors import InputError
+from tog_mjx.scene import compile_model, scene_path
+from tog_mjx.storage import check_writable
+from tog_mjx.tasks import TASKS, get_task
+
+DURATION = 2.0
+"""Seconds shown of a scene that is not a task's."""
+SLOW = 0.25
+"""Speed of an animation of a task: its motion lasts half a second."""
+
+
+def main() -> None:
+    args = parse_arguments()
+    path = scene_path(args.scene)
+    task = next((name for name in TASKS if scene_path(name).resolve() == path.resolve()), None)
+    model = compile_model(path)
+    setpoints, motion = None if args.setpoints is None else np.array(args.setpoints), None
+    data = viewing.start(model, setpoints)
+    for file in args.files:
+        check_writable(file)
+    if args.mp4:
+        viewing.check_video(tuple(args.size))
+    if not (args.files or args.web):
+        viewing.check_display()
+    if args.run:
+        iterate = viewing.read_iterate(args.run, args.iterate)
+        if iterate.task.name != task:
+            raise InputError(f"{args.run} is a run of the task {iterate.task.name}; give that as the scene, not {path}")
+        print(told(iterate), flush=True)
+        data = viewing.start(model, iterate.setpoints)
+        motion = viewing.replay(iterate, args.duration)
+    if args.files:
+        duration = args.duration or (horizon(task) if task else DURATION)
+        animate(args, model, data, motion or viewing.simulate(model, data, duration), SLOW if task else 1.0)
+        return
+    speed = args.speed or 1.0
+    playback = viewing.Loop(model, data, motion, speed) if motion else viewing.Live(model, data, speed)
+    if args.web:
+        viewing.show_in_browser(playback, args.port)
+    else:
+        viewing.show_in_window(playback)
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", help=f"{', '.join(TASKS)}, or the path of any MJCF file")
+    what = parser.add_mutually_exclusive_group()
+    default = "default: those of the keyframe start, else of the first keyframe, else 0"
+    each = "one of each actuator; of a task: x and z of each finger in m"
+    what.add_argument("--setpoints", type=float, nargs="+", metavar="U", help=f"{each} ({default})")
+    what.add_argument("--run", type=Path, metavar="RESULT.npz", help="show the motion of a run of reproduce_paper.py")
+    iterate = "of the run; 0 is the initial guess (default: best)"
+    parser.add_argument("--iterate", type=which, metavar="best|last|N", help=iterate)
+    where = parser.add_argument_group("where to show it (default: a window)")
+    where.add_argument("--web", action="store_true", help="serve a page for a browser, to other computers too")
+    where.add_argument("--port", type=within(int, 0, 65535), metavar="N", help="default: the first free from 8080 on")
+    where.add_argument("--gif", type=Path, metavar="FILE", help="write an animated GIF")
+    where.add_argument("--mp4", type=Path, metavar="FILE", help="write a video; it needs pip install '.[video]'")
+    how = parser.add_argument_group("how")
+    seconds = f"default: the task's horizon, else {DURATION:g} s"
+    how.add_argument("--duration", type=within(float, 0.001, 600), metavar="S", help=seconds)
+    how.add_argument("--fps", type=within(float, 1, 100), metavar="N", help="default: 25")
+    rate = f"default: 1, real time; {SLOW:g} for a file of a task"
+    how.add_argument("--speed", type=within(float, 0.01, 100), metavar="R", help=rate)
+    how.add_argument("--size", type=within(int, 16, 4096), nargs=2, metavar=("W", "H"), help="default: 640 360")
+    return check(parser, parser.parse_args())
+
+
+def check(parser: ArgumentParser, args: argparse.Namespace) -> argparse.Namespace:
+    """Options that mean nothing together are refused, not ignored; defaults are filled in."""
+    args.files = [file for file in (args.gif, args.mp4) if file]
+    for option, needed, present in (
+        ("iterate", "--run", args.run),
+        ("port", "--web", args.web),
+        ("fps", "--gif or --mp4", args.files),
+        ("size", "--gif or --mp4", args.files),
+        ("duration", "--gif, --mp4 or --run", args.files or args.run),
+    ):
+        if getattr(args, option) is not None and not present:
+            parser.error(f"argument --{option}: it needs {needed}")
+    if args.web and args.files:
+        parser.error("argument --web: give it, or --gif and --mp4")
+    if args.web and args.speed and not args.run:
+        parser.error("argument --speed: choose the speed of a live simulation on the page of --web")
+    defaults = {"iterate": "best", "port": 0, "fps": 25.0, "size": [640, 360]}
+    for option, value in defaults.items():
+        if getattr(args, option) is None:
+            setattr(args, option, value)
+    return args
+
+
+def within(kind: Callable[[str], float], low: float, high: float) -> Callable[[str], float]:
+    """A parser of numbers from `low` to `high`."""
+
+    def number(text: str) -> float:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not from {low:g} to {high:g}")
+        return value
+
+    return number
+
+
+def which(text: str) -> str | int:
+    if text in ("best", "last"):
+        return text
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text} is neither best nor last nor the number of an iterate")
+    return int(text)
+
+
+def horizon(task: str) -> float:
+    chosen = get_task(task)
+    return (chosen.horizon - 1) * chosen.scene.model.opt.timestep
+
+
+def told(iterate: viewing.Iterate) -> str:
+    u = ", ".join(f"{x:.4g}" for x in iterate.setpoints)
+    return f"iterate {iterate.number} on {iterate.simulator}: setpoints ({u}), J = {iterate.cost:.4g}"
+
+
+def animate(args: argparse.Namespace, model, data, motion: viewing.Motion, speed: float) -> None:
+    """Writes the files that were asked for, and says how their frames were made."""
+    times = viewing.frame_times(float(motion.time[-1]), args.fps, args.speed or speed)
+    frames = viewing.render(model, data, motion.at(times), tuple(args.size))
+    for file, write in ((args.gif, viewing.write_gif), (args.mp4, viewing.write_mp4)):
+        if file:
+            write(file, frames.images, args.fps)
+            print(f"{file}: {len(times)} frames, {file.stat().st_size / 1000:.0f} kB, {frames.method}")
+
+
+if __name__ == "__main__":
+    run_main(main)
