@@ -34,6 +34,7 @@ def content(tmp_path_factory):
     for name in ("flip", "grasp"):
         task = get_task(name)
         setpoints = np.array([task.initial_guess, task.initial_guess * 1.5])
+        setpoints[1, 1] = 2.2  # Outside the landscape.
         descent = Descent(np.array([1.0, 0.5]), setpoints, 0 * setpoints, Status.EXHAUSTED, 0.0, 0.0)
         costs = landscape(task, "penalty", 20, out / name)
         scenarios.append(scenario(task, "penalty", costs, {"exact": descent, "stochastic": descent}))
@@ -134,10 +135,11 @@ def test_the_keyboard_scrubs_picks_and_plays(page, content):
     np.testing.assert_allclose(shown(page), poses[first, -1, :3], atol=QUANTUM)
 
     page.locator("#landscape").focus()
-    page.keyboard.press("ArrowUp")  # From (0, 0.375), a point of the grid.
-    np.testing.assert_allclose(shown(page), poses[13 * GRID + 16, -1, :3], atol=QUANTUM)
+    page.keyboard.press("ArrowDown")  # From (0, 2.2), above the window, to its upper edge.
+    np.testing.assert_allclose(shown(page), poses[32 * GRID + 16, -1, :3], atol=QUANTUM)
+    page.keyboard.press("ArrowDown")
     page.keyboard.press("ArrowRight")
-    np.testing.assert_allclose(shown(page), poses[13 * GRID + 17, -1, :3], atol=QUANTUM)
+    np.testing.assert_allclose(shown(page), poses[31 * GRID + 17, -1, :3], atol=QUANTUM)
     page.locator("#play").focus()
     page.keyboard.press("Space")
     until(page, lambda: page.locator("#play").inner_text() == "Pause")
@@ -154,7 +156,13 @@ def test_an_iterate_of_a_descent_and_another_scenario(page, content):
     page.keyboard.press("End")
     first = two["paths"]["stochastic"]["first"]
     np.testing.assert_allclose(shown(page), poses[first + 1, -1, :3], atol=QUANTUM)
-    assert "grasp on penalty, setpoint (-0.075, 0.375, 0.075, 0.375) m" in page.locator("#said").inner_text()
+    said = page.locator("#said").inner_text()
+    assert (
+        f"grasp on penalty, setpoint (-0.075, 2.200, 0.075, 0.375) m: J = {two['costs'][first + 1]:.4f}, outside"
+        in said
+    )
+    mark, stage = page.locator("#motion .setpoint").first.bounding_box(), page.locator("#motion").bounding_box()
+    assert stage["y"] < mark["y"] < stage["y"] + stage["height"]
     assert page.locator("#motion circle").count() == 2
     assert page.said == []
 

@@ -116,7 +116,9 @@
         `${state.poses[at(k)]},${state.poses[at(k) + 1]}`).join(" "));
       state.marks[f].setAttribute("transform", `translate(${setpoint[2 * f]} ${setpoint[2 * f + 1]})`);
     });
-    state.cursor.setAttribute("transform", `translate(${toSquare(setpoint).join(" ")})`);
+    const at = toSquare(setpoint), inside = at.map((number) => Math.min(100, Math.max(0, number)));
+    state.isOutside = at.some((number, i) => number !== inside[i]);
+    state.cursor.setAttribute("transform", `translate(${inside.join(" ")})`);
     drawPose();
   }
 
@@ -132,7 +134,7 @@
     const scenario = state.scenario, cost = scenario.costs[state.motion], pose = poseAt(state.seconds);
     const where = scenario.setpoints[state.motion].map((number) => number.toFixed(3)).join(", ");
     said.textContent = `${scenario.task} on ${scenario.simulator}, setpoint (${where}) m: `
-      + `J = ${cost === null ? "not finite" : cost.toFixed(4)}. `
+      + `J = ${cost === null ? "not finite" : cost.toFixed(4)}${state.isOutside ? ", outside the landscape" : ""}. `
       + `At ${state.seconds.toFixed(2)} s the box is at x = ${pose[0].toFixed(2)} m, z = ${pose[1].toFixed(2)} m, `
       + `turned by ${(pose[2] * 180 / Math.PI).toFixed(0)} degrees.`;
   }

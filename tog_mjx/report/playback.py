@@ -8,7 +8,7 @@ all motions together, gzipped, in base64.
 import base64
 import gzip
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import matplotlib.image
@@ -59,7 +59,7 @@ def scenario(
         "seconds": motions.time.round(6).tolist(),
         "quantum": QUANTUM,
         "motions": pack(motions),
-        "view": _view(task),
+        "view": _view(task, [descent.setpoints_best for descent in descents.values()]),
         "half": physics.box_half.tolist(),
         "radius": physics.finger_radius,
     }
@@ -94,10 +94,14 @@ def picture(task: Task, landscape: Landscape) -> str:
     return "data:image/png;base64," + base64.b64encode(file.getvalue()).decode()
 
 
-def _view(task: Task) -> list[float]:
-    """x_min, x_max, z_min, z_max of the motion's window: start and goal, and where the fingers can be sent."""
+def _view(task: Task, best: Sequence[Float[np.ndarray, " n"]]) -> list[float]:
+    """x_min, x_max, z_min, z_max of the view: start and goal, the landscape's setpoints, and the best ones."""
     box, fingers = task.scene.start
     margin = 0.1 + float(np.linalg.norm(task.scene.physics.box_half))
-    x = [box[0] - margin, box[0] + margin, task.goal[0] - margin, task.goal[0] + margin, *(fingers[:, 0] - 0.1)]
-    x += [task.window[0][0] - 0.1, task.window[0][1] + 0.1]
-    return [float(min(x)), float(max(x)), -0.1, float(max(task.window[1][1], task.goal[1] + margin)) + 0.1]
+    setpoints = np.concatenate([np.reshape(u, (-1, 2)) for u in best])
+    (x_min, x_max), (_, z_max) = task.window
+    x = [box[0] - margin, box[0] + margin, task.goal[0] - margin, task.goal[0] + margin, x_min - 0.1, x_max + 0.1]
+    x += [*(fingers[:, 0] - 0.1), *(setpoints[:, 0] - 0.1), *(setpoints[:, 0] + 0.1)]
+    z = [z_max + 0.1, task.goal[1] + margin, *(setpoints[:, 1] + 0.1)]
+    x, z = np.clip(x, -FARTHEST, FARTHEST), np.clip(z, 0, FARTHEST)
+    return [float(x.min()), float(x.max()), -0.1, float(z.max())]
