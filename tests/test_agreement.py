@@ -15,7 +15,8 @@ from conftest import positions
 from tog_mjx.rollout import Trajectory
 from tog_mjx.scene import Physics
 from tog_mjx.simulators import MjxSimulator, make_simulator
-from tog_mjx.simulators.penalty import box_distance, rotate
+from tog_mjx.simulators.penalty import box_distance
+from tog_mjx.simulators.plane import Plane
 
 MEDIAN = 0.05e-3  # m
 NINETY_PERCENT = 0.2e-3  # m
@@ -47,9 +48,10 @@ def touching(motion: Trajectory, p: Physics) -> np.ndarray:
     """Which contacts touch, [setpoints, T, contacts]: corners and floor, fingers and box, fingers and floor."""
 
     def gaps(box, fingers):
-        corners = jax.vmap(lambda corner: box[1] + rotate(box[2], corner)[1] - p.corner_radius)(jnp.array(p.corners))
-        on_box = jax.vmap(lambda finger: box_distance(p.box_half, rotate(-box[2], finger[:2] - box[:2]))[0])(fingers)
-        return jnp.concatenate([corners, on_box - p.finger_radius, fingers[:, 1] - p.finger_radius])
+        corners = [box[1] + Plane.of(corner).turned(box[2]).z - p.corner_radius for corner in p.corners]
+        offsets = [Plane.of(finger[:2] - box[:2]).turned(-box[2]) for finger in fingers]
+        on_box = [box_distance(Plane.of(p.box_half), offset)[0] - p.finger_radius for offset in offsets]
+        return jnp.concatenate([jnp.array(corners + on_box), fingers[:, 1] - p.finger_radius])
 
     return np.asarray(jax.vmap(jax.vmap(gaps))(motion.box, motion.fingers)) < 0
 

@@ -1,5 +1,7 @@
 """The penalty simulator against closed forms."""
 
+from typing import NamedTuple
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +15,9 @@ from tog_mjx.contact import PenaltyLaw
 from tog_mjx.rollout import final_cost
 from tog_mjx.simulators import PenaltySimulator, make_simulator
 from tog_mjx.simulators.penalty import box_distance, mujoco_limit_force, paper_force
+from tog_mjx.simulators.plane import Plane
 from tog_mjx.tasks import get_task
+from tog_mjx.types import AnyArray
 
 LAW = PenaltyLaw(stiffness=1000.0, damping=60.0, friction=0.7, viscosity=20.0, slope=2.0)
 SCENE = get_task("grasp").scene
@@ -21,12 +25,17 @@ SCENE = get_task("grasp").scene
 EPS = float(np.finfo(float).eps) ** (1 / 3)
 
 
+class PlanarArrays(NamedTuple):
+    box: AnyArray
+    fingers: AnyArray
+
+
 def after(simulator: PenaltySimulator, box, fingers, setpoints, steps: int):
     state = simulator.init(jnp.asarray(box, float), jnp.asarray(fingers, float))
     step = jax.jit(simulator.step)
     for _ in range(steps):
         state = step(state, jnp.asarray(setpoints, float))
-    return state
+    return PlanarArrays(*simulator.observe(state))
 
 
 def test_free_fall_is_that_of_semi_implicit_euler():
@@ -102,14 +111,13 @@ def test_the_papers_force(penetration, normal_speed, tangential_speed):
 
 @given(st.floats(-0.6, 0.6), st.floats(-0.6, 0.6))
 def test_box_distance_is_the_distance_to_the_outline(x, z):
-    half = jnp.array([0.25, 0.25])
-    distance, normal = box_distance(half, jnp.array([x, z]))
+    distance, normal = box_distance(Plane(0.25, 0.25), Plane(jnp.array(x), jnp.array(z)))
     ticks = np.linspace(-0.25, 0.25, 2001)
     sides = [(ticks, 0 * ticks + 0.25), (ticks, 0 * ticks - 0.25), (0 * ticks + 0.25, ticks), (0 * ticks - 0.25, ticks)]
     nearest = min(np.hypot(x - a, z - b).min() for a, b in sides)
     is_inside = max(abs(x), abs(z)) < 0.25
     np.testing.assert_allclose(distance, -nearest if is_inside else nearest, atol=2e-4)
-    np.testing.assert_allclose(np.linalg.norm(normal), 1, rtol=1e-12)
+    np.testing.assert_allclose(np.hypot(*normal), 1, rtol=1e-12)
     # Moving against the normal by the distance ends on the outline.
     foot = np.array([x, z]) - np.asarray(normal) * float(distance)
     np.testing.assert_allclose(np.abs(foot).max(), 0.25, atol=1e-9)
@@ -123,7 +131,7 @@ def test_one_step_is_differentiated_right_in_both_modes(friction, kind):
 
     @jax.jit
     def step(box, fingers, setpoints):
-        return simulator.step(simulator.init(box, fingers), setpoints)
+        return simulator.observe(simulator.step(simulator.init(box, fingers), setpoints))
 
     def numpy_step(*args):
         return tuple(step(*map(jnp.asarray, args)))
@@ -137,8 +145,9 @@ def test_the_drawn_states_are_what_they_are_called():
     simulator = PenaltySimulator.from_scene(SCENE)
     for kind in KINDS:
         box, fingers = draw_state(kind, p, 7)
-        forces, _ = jax.vmap(simulator._finger_box, (None, 0))(jnp.array(box), jnp.array(fingers))
-        floor = jax.vmap(simulator._corner_floor, (None, 0))(jnp.array(box), p.corners).sum(0)
+        state = simulator.init(box, fingers)
+        forces = [simulator._finger_box(state.box, finger)[0] for finger in state.fingers]
+        floor = np.sum([simulator._corner_floor(state.box, Plane.of(corner))[0] for corner in p.corners], axis=0)
         frame = np.array([[np.cos(box[2]), -np.sin(box[2])], [np.sin(box[2]), np.cos(box[2])]])
         pairs = [(abs(f @ frame[:, 0]), abs(f @ frame[:, 1])) for f in np.asarray(forces)] + [(floor[1], abs(floor[0]))]
         for normal, tangential in pairs:

@@ -8,6 +8,9 @@ import contextlib
 import importlib.metadata
 import io
 
+import jax
+import mujoco
+
 OLDEST, NEXT = (3, 17), (4, 0)
 
 
@@ -23,3 +26,13 @@ def check_version(version: str) -> None:
 check_version(importlib.metadata.version("mujoco-mjx"))
 with contextlib.redirect_stdout(io.StringIO()):
     from mujoco import mjx as mjx
+
+
+def put_model(model: mujoco.MjModel) -> mjx.Model:
+    """The model on MJX's JAX implementation, on a device of this process: MJX's own choice may lie in another one."""
+    return mjx.put_model(model, device=jax.local_devices()[0], impl="jax")
+
+
+def make_data(model: mujoco.MjModel | mjx.Model) -> mjx.Data:
+    """As `put_model`."""
+    return mjx.make_data(model, device=jax.local_devices()[0])

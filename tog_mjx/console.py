@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from tog_mjx.devices import use_all_cores
 from tog_mjx.errors import InputError
 
 CACHE_VARIABLE = "TOG_MJX_CACHE"
@@ -36,6 +37,7 @@ def run_main(main: Callable[[], None]) -> None:
     name = Path(sys.argv[0]).name
     try:
         enable_compilation_cache()
+        use_all_cores()
         main()
     except InputError as error:
         print(f"{name}: {error}", file=sys.stderr)

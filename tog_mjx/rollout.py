@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.errors import InputError
@@ -23,11 +24,11 @@ class Trajectory(NamedTuple):
 
 
 def rollout(task: str | Task, u: Numbers, simulator: str = "mjx", **options: str) -> Trajectory:
-    """The motion of a task under constant setpoints.
+    """The motion of a task under setpoints.
 
     Args:
       task: "flip", "grasp" or a Task.
-      u: setpoints [2F] in m.
+      u: setpoints [2F] in m, or [K * 2F] of a task with K knots.
       simulator: "mjx", "penalty" or "released"; `options` as in `objective`.
 
     Raises:
@@ -39,7 +40,7 @@ def rollout(task: str | Task, u: Numbers, simulator: str = "mjx", **options: str
 
 
 def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Callable[[Numbers], Scalar]:
-    """The task's cost J(u), a compiled function of the setpoints u [2F]: to jit, vmap, and differentiate in both modes.
+    """The task's cost J(u), a compiled function of setpoints u [K * 2F]: to jit, vmap, and differentiate in both modes.
 
     Args:
       task: "flip", "grasp" or a Task.
@@ -59,26 +60,38 @@ def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Calla
 def final_cost(task: Task, simulator: Simulator, u: Setpoints) -> Scalar:
     """J at the end of the horizon. `simulator` may be a traced pytree: J is differentiable in its parameters too."""
 
-    def advance(state: Any, _: None) -> tuple[Any, None]:
-        return simulator.step(state, u), None
+    def advance(state: Any, setpoints: Setpoints | None) -> tuple[Any, None]:
+        return simulator.step(state, u if setpoints is None else setpoints), None
 
-    state, _ = jax.lax.scan(advance, simulator.init(*task.start), length=task.horizon - 1)
+    state, _ = jax.lax.scan(advance, simulator.init(*task.start), interpolate(task, u), task.horizon - 1)
     return task.cost(simulator.observe(state)[0])
 
 
 def trajectory(task: Task, simulator: Simulator, u: Setpoints) -> Trajectory:
     """The whole motion, the initial state first."""
 
-    def advance(state: Any, _: None) -> tuple[Any, Any]:
-        state = simulator.step(state, u)
+    def advance(state: Any, setpoints: Setpoints | None) -> tuple[Any, Any]:
+        state = simulator.step(state, u if setpoints is None else setpoints)
         return state, simulator.observe(state)
 
     start = simulator.init(*task.start)
-    _, states = jax.lax.scan(advance, start, length=task.horizon - 1)
+    _, states = jax.lax.scan(advance, start, interpolate(task, u), task.horizon - 1)
     box, fingers = jax.tree.map(
         lambda first, rest: jnp.concatenate([first[None], rest]), simulator.observe(start), states
     )
     return Trajectory(jnp.arange(task.horizon) * task.scene.model.opt.timestep, box, fingers)
+
+
+def interpolate(task: Task, u: Setpoints) -> Float[Array, "steps m"] | None:
+    """The setpoints [2F] of every time step, from those of the knots; None where they are constant."""
+    if task.knots == 1:
+        return None
+    steps = task.horizon - 1
+    position = np.linspace(0, task.knots - 1, steps)
+    before = np.minimum(position.astype(int), task.knots - 2)
+    share = jnp.asarray((position - before)[:, None], u.dtype)
+    table = jnp.reshape(u, (task.knots, -1))
+    return (1 - share) * table[before] + share * table[before + 1]
 
 
 def check_setpoints(task: Task, u: Numbers) -> Float[Array, " n"]:
@@ -88,18 +101,15 @@ def check_setpoints(task: Task, u: Numbers) -> Float[Array, " n"]:
       InputError: for setpoints of the wrong shape, or known to be not finite (inside a transformation nothing is
       known).
     """
-    fingers = len(task.scene.fingers)
+    size = task.initial_guess.size
+    each = "x and z of each finger" + (" at each knot" if task.knots > 1 else "") + " in m"
     try:
         u = jnp.asarray(u, float)
     except (TypeError, ValueError):
-        raise InputError(
-            f"setpoints {u!r} are not numbers; give {2 * fingers} of them, x and z of each finger in m"
-        ) from None
-    if u.shape != (2 * fingers,):
+        raise InputError(f"setpoints {u!r} are not numbers; give {size} of them, {each}") from None
+    if u.shape != (size,):
         shape = ", ".join(map(str, u.shape))
-        raise InputError(
-            f"setpoints have shape [{shape}]; {task.name} takes [{2 * fingers}], x and z of each finger in m"
-        )
+        raise InputError(f"setpoints have shape [{shape}]; {task.name} takes [{size}], {each}")
     if not isinstance(u, jax.core.Tracer) and not bool(jnp.isfinite(u).all()):
         raise InputError(f"setpoints {u.tolist()} are not finite; give finite numbers of m")
     return u

@@ -12,7 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from tog_mjx._mjx import mjx
+from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.errors import InputError
 
 # Elements, the field of the model with their type, what MJX supports of it, and MuJoCo's own enumeration.
@@ -36,7 +36,7 @@ def check_supported(model: mujoco.MjModel, path: str | Path) -> None:
     if ignored := list(_ignored(model)):
         raise InputError(f"{path}: MJX ignores {'; '.join(ignored)}, so the motion would be another one; remove it")
     try:
-        mjx.make_data(mjx.put_model(model, impl="jax"))
+        make_data(put_model(model))
     except (NotImplementedError, ValueError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
         culprits = [*_options(model), *_elements(model), *_collisions(model, reason), *_others(model, reason)]

@@ -1,7 +1,8 @@
 """The paper's two tasks: what to reach, from where, in which time, and Table I.
 
-Setpoints u [2F] are finger-major: (x_des, z_des) of finger 1, then of finger 2 [m]. Costs take the box's last state
-[6].
+Setpoints u [2F] are finger-major: (x_des, z_des) of finger 1, then of finger 2 [m]. With K knots they change over time:
+u [K * 2F] holds the setpoints of the first knot, then those of the second, ...; knots are evenly spaced from the first
+time step to the last, and between two of them setpoints change linearly. Costs take the box's last state [6].
 """
 
 import dataclasses
@@ -31,7 +32,7 @@ class Task:
 
     `horizon` is the number of states T, the initial one included: T - 1 time steps. `cost` maps the box's last state
     [6] to J, and `goal` is a pose (x, z, theta) at which J is 0. `window` is the landscape's
-    ((x_min, x_max), (z_min, z_max)) [m], and `expand` maps its points [2] to setpoints [2F].
+    ((x_min, x_max), (z_min, z_max)) [m], and `expand` maps its points [2] to setpoints [K * 2F].
     """
 
     name: str
@@ -43,6 +44,7 @@ class Task:
     stochastic: Rule
     window: tuple[tuple[float, float], tuple[float, float]]
     expand: Callable[[Vector], Setpoints]
+    knots: int = 1
 
     @property
     def start(self) -> tuple[np.ndarray, np.ndarray]:
@@ -52,7 +54,7 @@ class Task:
     @property
     def initial_guess(self) -> np.ndarray:
         """The setpoints u [2F] from which the paper descends, in the scene's keyframe `start`."""
-        return self.scene.initial_guess
+        return np.tile(self.scene.initial_guess, self.knots)
 
 
 def flip_cost(box: Box) -> Scalar:
@@ -101,14 +103,25 @@ def grasp() -> Task:
 TASKS = {"flip": flip, "grasp": grasp}
 
 
-def get_task(task: str | Task) -> Task:
-    """The task of that name; a Task is returned as it is.
+def get_task(task: str | Task, knots: int | None = None) -> Task:
+    """The task of that name; a Task is returned as it is. With `knots`, its setpoints change over time.
+
+    Equal calls return the same Task.
 
     Raises:
-      InputError: for an unknown name.
+      InputError: for an unknown name, or a number of knots that is not positive or more than the time steps.
     """
-    if isinstance(task, Task):
-        return task
-    if task not in list(TASKS):
-        raise InputError(f"task {task!r} is unknown; choose from {', '.join(TASKS)}")
-    return TASKS[task]()
+    if not isinstance(task, Task):
+        if task not in list(TASKS):
+            raise InputError(f"task {task!r} is unknown; choose from {', '.join(TASKS)}")
+        task = TASKS[task]()
+    return task if knots is None or knots == task.knots else _with_knots(task, knots)
+
+
+@functools.cache
+def _with_knots(task: Task, knots: int) -> Task:
+    if task.knots != 1:
+        raise InputError(f"task {task.name} has {task.knots} knots already; start from the one with constant setpoints")
+    if not (isinstance(knots, int) and 1 < knots < task.horizon):
+        raise InputError(f"knots is {knots}: give a whole number from 1 to {task.horizon - 1}")
+    return dataclasses.replace(task, knots=knots, expand=lambda point: jnp.tile(jnp.asarray(task.expand(point)), knots))

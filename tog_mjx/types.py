@@ -20,4 +20,4 @@ Box = Float[AnyArray, "6"]
 Fingers = Float[AnyArray, "F 4"]
 """x, z, vx, vz of each finger."""
 Setpoints = Float[AnyArray, " n"]
-"""Finger-major: (x_des, z_des) of finger 1, then of finger 2, in m."""
+"""Finger-major: (x_des, z_des) of finger 1, then of finger 2, in m. Of several knots, one after the other."""

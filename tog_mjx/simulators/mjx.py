@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from tog_mjx._mjx import mjx
+from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.errors import InputError
 from tog_mjx.scene import Scene
 from tog_mjx.simulate import STEPS
@@ -45,7 +45,7 @@ class MjxSimulator:
 
     @classmethod
     def from_scene(cls, scene: Scene, differentiation: str = "implicit") -> "MjxSimulator":
-        model = mjx.put_model(scene.model, impl="jax")
+        model = put_model(scene.model)
         return cls(model, tuple(scene.joints.tolist()), tuple(scene.actuators.tolist()), differentiation)
 
     def init(self, box: Box, fingers: Fingers) -> MjxState:
@@ -64,7 +64,7 @@ class MjxSimulator:
 
     def step(self, state: MjxState, setpoints: Setpoints) -> MjxState:
         """Advances by one time step under the setpoints [2F]."""
-        data = mjx.make_data(self.model)
+        data = make_data(self.model)
         ctrl = data.ctrl.at[jnp.array(self.actuators)].set(setpoints)
         data = STEPS[self.differentiation](self.model, data.replace(**state._asdict(), ctrl=ctrl))
         return MjxState(data.qpos, data.qvel, data.act, data.qacc_warmstart)

@@ -5,28 +5,44 @@ It restates in one page what MuJoCo does to these scenes in the limit of soft co
 Integration is semi-implicit Euler, as MuJoCo's: the new velocities move the positions. A contact acts at the point
 midway through the penetration, in forces, velocities and lever arms alike.
 
-Plane vectors are (x, z); angles are counter-clockwise; omega x r = omega (-r_z, r_x).
+The state is made of single numbers, see `tog_mjx.simulators.plane`. Angles are counter-clockwise; omega x r = omega
+(-r_z, r_x).
 """
 
 import dataclasses
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from tog_mjx.contact import PenaltyLaw
-from tog_mjx.safe import safe_norm
 from tog_mjx.scene import Physics, Scene
-from tog_mjx.types import AnyArray, Box, Fingers, Scalar, Setpoints, Vector
+from tog_mjx.simulators.plane import Plane
+from tog_mjx.types import Box, Fingers, Scalar, Setpoints
+
+
+class Body(NamedTuple):
+    """The box: position, angle theta, velocity, angular speed omega."""
+
+    position: Plane
+    angle: Scalar
+    velocity: Plane
+    spin: Scalar
+
+
+class Finger(NamedTuple):
+    """A point mass with the surface of a sphere."""
+
+    position: Plane
+    velocity: Plane
 
 
 class PlanarState(NamedTuple):
-    """Box (x, z, theta, vx, vz, omega) [6] and fingers (x, z, vx, vz) [F, 4]."""
+    """The box, and the fingers in the order of their numbers."""
 
-    box: Box
-    fingers: Fingers
+    box: Body
+    fingers: tuple[Finger, ...]
 
 
 @jax.tree_util.register_dataclass
@@ -44,75 +60,84 @@ class PenaltySimulator:
         return cls(in_default_precision(scene.physics), friction)
 
     def init(self, box: Box, fingers: Fingers) -> PlanarState:
-        return PlanarState(jnp.asarray(box, float), jnp.asarray(fingers, float))
+        box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
+        return PlanarState(
+            Body(Plane.of(box[:2]), box[2], Plane.of(box[3:5]), box[5]),
+            tuple(Finger(Plane.of(finger[:2]), Plane.of(finger[2:])) for finger in fingers),
+        )
 
     def observe(self, state: PlanarState) -> tuple[Box, Fingers]:
-        return state
+        numbers, fingers = jax.tree.leaves(state.box), [jax.tree.leaves(finger) for finger in state.fingers]
+        return jnp.stack(numbers), jnp.array(fingers)
 
     def step(self, state: PlanarState, setpoints: Setpoints) -> PlanarState:
         """Advances by one time step under the setpoints [2F]."""
-        p = self.physics
-        box, fingers = state
-        targets = jnp.reshape(setpoints, (fingers.shape[0], 2))
-        weight = jnp.array([0.0, -p.gravity])
+        p, box = self.physics, state.box
+        weight = Plane(0.0, -p.gravity)
+        force, torque = Plane(0.0, 0.0), jnp.zeros(())
+        for corner in p.corners:
+            by_floor, turning = self._corner_floor(box, Plane.of(corner))
+            force, torque = force + by_floor, torque + turning
+        fingers = []
+        for finger, setpoint in zip(state.fingers, jnp.reshape(setpoints, (-1, 2)), strict=True):
+            by_box, arm = self._finger_box(box, finger)
+            force, torque = force - by_box, torque - arm.cross(by_box)
+            control = (Plane.of(setpoint) - finger.position) * p.finger_stiffness - finger.velocity * p.finger_damping
+            total = by_box + self._finger_floor(finger) + control
+            fingers.append(
+                Finger(*self._integrate(finger.position, finger.velocity, total * (1 / p.finger_mass) + weight))
+            )
+        position, velocity = self._integrate(box.position, box.velocity, force * (1 / p.box_mass) + weight)
+        angle, spin = self._integrate(box.angle, box.spin, torque / p.box_inertia)
+        return PlanarState(Body(position, angle, velocity, spin), tuple(fingers))
 
-        on_corners = jax.vmap(self._corner_floor, (None, 0))(box, p.corners)
-        on_fingers, by_fingers = jax.vmap(self._finger_box, (None, 0))(box, fingers)
-        wrench = on_corners.sum(0) + by_fingers.sum(0)
-        forces = on_fingers + jax.vmap(self._finger_floor)(fingers)
-        forces += p.finger_stiffness * (targets - fingers[:, :2]) - p.finger_damping * fingers[:, 2:]
-
-        inertia = jnp.array([p.box_mass, p.box_mass, p.box_inertia])
-        return self._integrate(state, wrench / inertia + jnp.append(weight, 0.0), forces / p.finger_mass + weight)
-
-    def _integrate(
-        self, state: PlanarState, box_acceleration: Float[AnyArray, "3"], finger_acceleration: Float[AnyArray, "F 2"]
-    ) -> PlanarState:
-        box, fingers = state
+    def _integrate(self, position: Any, velocity: Any, acceleration: Any) -> tuple[Any, Any]:
+        """Position and velocity one time step later: of vectors, or of angles."""
         dt = self.physics.timestep
-        box_velocity = box[3:] + dt * box_acceleration
-        finger_velocity = fingers[:, 2:] + dt * finger_acceleration
-        return PlanarState(
-            jnp.concatenate([box[:3] + dt * box_velocity, box_velocity]),
-            jnp.concatenate([fingers[:, :2] + dt * finger_velocity, finger_velocity], axis=1),
-        )
+        velocity = velocity + acceleration * dt
+        return position + velocity * dt, velocity
 
-    def _corner_floor(self, box: Box, corner: Vector) -> Float[Array, "3"]:
+    def _corner_floor(self, box: Body, corner: Plane) -> tuple[Plane, Scalar]:
         """Force and torque on the box where the floor meets one corner, given in the box's frame."""
-        arm = rotate(box[2], corner)
-        distance = box[1] + arm[1] - self.physics.corner_radius
-        arm = jnp.array([arm[0], distance / 2 - box[1]])
-        velocity = box[3:5] + box[5] * perpendicular(arm)
-        force = self._force(self.physics.corner_floor, distance, velocity[1], velocity[0])[::-1]
-        return jnp.append(force, cross(arm, force))
+        arm = corner.turned(box.angle)
+        distance = box.position.z + arm.z - self.physics.corner_radius
+        arm = Plane(arm.x, distance / 2 - box.position.z)
+        velocity = box.velocity + arm.perpendicular() * box.spin
+        normal, tangential = self._force(self.physics.corner_floor, distance, velocity.z, velocity.x)
+        force = Plane(tangential, normal)
+        return force, arm.cross(force)
 
-    def _finger_floor(self, finger: Float[AnyArray, "4"]) -> Vector:
+    def _finger_floor(self, finger: Finger) -> Plane:
         """Force on a finger where it meets the floor."""
-        distance = finger[1] - self.physics.finger_radius
-        return self._force(self.physics.finger_floor, distance, finger[3], finger[2])[::-1]
+        distance = finger.position.z - self.physics.finger_radius
+        normal, tangential = self._force(self.physics.finger_floor, distance, finger.velocity.z, finger.velocity.x)
+        return Plane(tangential, normal)
 
-    def _finger_box(self, box: Box, finger: Float[AnyArray, "4"]) -> tuple[Vector, Float[Array, "3"]]:
-        """Force on a finger, and force and torque on the box, where the two meet."""
+    def _finger_box(self, box: Body, finger: Finger) -> tuple[Plane, Plane]:
+        """Force on a finger where it meets the box, which feels its opposite; and its lever arm about the box."""
         p = self.physics
-        offset = finger[:2] - box[:2]
-        distance, normal = self._distance(rotate(-box[2], offset))
-        normal = rotate(box[2], normal)
+        offset = finger.position - box.position
+        distance, normal = self._distance(offset.turned(-box.angle))
+        normal = normal.turned(box.angle)
         gap = distance - p.finger_radius
         arm = offset - normal * (p.finger_radius + gap / 2)
-        velocity = finger[2:] - box[3:5] - box[5] * perpendicular(arm)
-        tangent = perpendicular(normal)
-        along_normal, along_tangent = self._force(p.finger_box, gap, velocity @ normal, velocity @ tangent)
-        force = along_normal * normal + along_tangent * tangent
-        return force, -jnp.append(force, cross(arm, force))
+        velocity = finger.velocity - box.velocity - arm.perpendicular() * box.spin
+        tangent = normal.perpendicular()
+        along_normal, along_tangent = self._force(p.finger_box, gap, velocity.dot(normal), velocity.dot(tangent))
+        return normal * along_normal + tangent * along_tangent, arm
 
-    def _distance(self, point: Vector) -> tuple[Scalar, Vector]:
+    def _distance(self, point: Plane) -> tuple[Scalar, Plane]:
         """Signed distance of a point in the box's frame, and the normal along which a finger is pushed."""
-        return box_distance(self.physics.box_half, point)
+        return box_distance(Plane.of(self.physics.box_half), point)
 
-    def _force(self, law: PenaltyLaw, distance: Scalar, normal_speed: Scalar, tangential_speed: Scalar) -> Vector:
+    def _force(
+        self, law: PenaltyLaw, distance: Scalar, normal_speed: Scalar, tangential_speed: Scalar
+    ) -> tuple[Scalar, Scalar]:
         """(f_n, f_t) of the chosen law; zero, with zero gradient, where the bodies are apart."""
         kernel = mujoco_limit_force if self.friction == "mujoco" else paper_force
-        return jnp.where(distance < 0, kernel(law, -distance, normal_speed, tangential_speed), 0.0)
+        normal, tangential = kernel(law, -distance, normal_speed, tangential_speed)
+        touching = distance < 0
+        return jnp.where(touching, normal, 0.0), jnp.where(touching, tangential, 0.0)
 
 
 def in_default_precision(physics: Physics) -> Physics:
@@ -120,7 +145,9 @@ def in_default_precision(physics: Physics) -> Physics:
     return jax.tree.map(lambda x: jnp.asarray(x, float) if isinstance(x, np.ndarray) else x, physics)
 
 
-def mujoco_limit_force(law: PenaltyLaw, penetration: Scalar, normal_speed: Scalar, tangential_speed: Scalar) -> Vector:
+def mujoco_limit_force(
+    law: PenaltyLaw, penetration: Scalar, normal_speed: Scalar, tangential_speed: Scalar
+) -> tuple[Scalar, Scalar]:
     """(f_n, f_t) [N] to which MuJoCo's elliptic contact tends: a penalty force, projected onto the friction cone.
 
     Inside the cone the force stands; in the polar cone it is zero; else the nearest point of the cone's edge. The
@@ -129,49 +156,38 @@ def mujoco_limit_force(law: PenaltyLaw, penetration: Scalar, normal_speed: Scala
     normal = law.stiffness * penetration - law.damping * normal_speed
     tangential = -law.viscosity * tangential_speed
     size, mu = jnp.abs(tangential), law.friction
-    on_edge = (normal + mu * size) / (1 + mu**2) * jnp.array([1.0, mu * jnp.sign(tangential)])
+    on_edge = (normal + mu * size) / (1 + mu**2)
     inside, polar = size <= mu * normal, normal <= -mu * size
-    return jnp.where(inside, jnp.array([normal, tangential]), jnp.where(polar, 0.0, on_edge))
+    return (
+        jnp.where(inside, normal, jnp.where(polar, 0.0, on_edge)),
+        jnp.where(inside, tangential, jnp.where(polar, 0.0, mu * jnp.sign(tangential) * on_edge)),
+    )
 
 
-def paper_force(law: PenaltyLaw, penetration: Scalar, normal_speed: Scalar, tangential_speed: Scalar) -> Vector:
+def paper_force(
+    law: PenaltyLaw, penetration: Scalar, normal_speed: Scalar, tangential_speed: Scalar
+) -> tuple[Scalar, Scalar]:
     """(f_n, f_t) [N] of the paper: a friction coefficient c |v_t| up to psi_s = mu / c, and mu beyond it.
 
     The normal force is the damped spring's, and never pulls.
     """
     normal = jnp.maximum(0.0, law.stiffness * penetration - law.damping * normal_speed)
     coefficient = jnp.clip(law.slope * tangential_speed, -law.friction, law.friction)
-    return jnp.array([normal, -coefficient * normal])
+    return normal, -coefficient * normal
 
 
-def box_distance(half: Vector, point: Vector) -> tuple[Scalar, Vector]:
+def box_distance(half: Plane, point: Plane) -> tuple[Scalar, Plane]:
     """Signed distance [m] of a point from a box of half sides `half`, both in the box's frame, and its unit gradient.
 
     Inside, the nearest face gives both. The gradient of the normal is zero inside and beside a face; at the centre,
     where all faces are equally near, a face is chosen.
     """
-    beyond = jnp.abs(point) - half
-    side = jnp.where(point < 0, -1.0, 1.0)
-    outside = jnp.maximum(beyond, 0.0)
-    distance_outside = safe_norm(outside)
-    face = jnp.where(beyond[0] > beyond[1], jnp.array([1.0, 0.0]), jnp.array([0.0, 1.0]))
-    is_inside = distance_outside == 0
-    distance = jnp.where(is_inside, beyond.max(), distance_outside)
-    normal = jnp.where(is_inside, face, outside / jnp.where(is_inside, 1.0, distance_outside))
-    return distance, side * normal
-
-
-def rotate(angle: Scalar, vector: Vector) -> Vector:
-    """`vector` turned counter-clockwise by `angle` [rad]."""
-    cos, sin = jnp.cos(angle), jnp.sin(angle)
-    return jnp.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
-
-
-def perpendicular(vector: Vector) -> Vector:
-    """`vector` turned counter-clockwise by a right angle: the velocity of that point under unit angular speed."""
-    return jnp.array([-vector[1], vector[0]])
-
-
-def cross(a: Vector, b: Vector) -> Scalar:
-    """The plane's cross product: the counter-clockwise torque of force b with lever arm a."""
-    return a[0] * b[1] - a[1] * b[0]
+    beyond = Plane(jnp.abs(point.x), jnp.abs(point.z)) - half
+    outside = Plane(jnp.maximum(beyond.x, 0.0), jnp.maximum(beyond.z, 0.0))
+    squared = outside.dot(outside)
+    is_inside, faces_x = squared == 0, beyond.x > beyond.z
+    distance_outside = jnp.sqrt(jnp.where(is_inside, 1.0, squared))
+    distance = jnp.where(is_inside, jnp.maximum(beyond.x, beyond.z), distance_outside)
+    normal_x = jnp.where(is_inside, jnp.where(faces_x, 1.0, 0.0), outside.x / distance_outside)
+    normal_z = jnp.where(is_inside, jnp.where(faces_x, 0.0, 1.0), outside.z / distance_outside)
+    return distance, Plane(jnp.where(point.x < 0, -1.0, 1.0) * normal_x, jnp.where(point.z < 0, -1.0, 1.0) * normal_z)

@@ -18,20 +18,27 @@ beyond.
 
 import dataclasses
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from tog_mjx.scene import Physics, Scene
-from tog_mjx.simulators.penalty import PlanarState, cross, in_default_precision, perpendicular, rotate
+from tog_mjx.simulators.penalty import in_default_precision
 from tog_mjx.types import AnyArray, Box, Fingers, Scalar, Setpoints, Vector
 
 FINGER_DAMPING = 2.0
 """k_d [N s/m] in both tasks."""
 REGULARISER = 1e-3
 """Added to the distances [m] and the speeds [m/s] of finger and box."""
+
+
+class ReleasedState(NamedTuple):
+    """Box (x, z, theta, vx, vz, omega) [6] and fingers (x, z, vx, vz) [F, 4]."""
+
+    box: Box
+    fingers: Fingers
 
 
 @jax.tree_util.register_dataclass
@@ -47,15 +54,15 @@ class ReleasedSimulator:
     def from_scene(cls, scene: Scene) -> "ReleasedSimulator":
         return cls(in_default_precision(scene.physics))
 
-    def init(self, box: Box, fingers: Fingers) -> PlanarState:
+    def init(self, box: Box, fingers: Fingers) -> ReleasedState:
         box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
         towards_box = jnp.sign(box[0] - fingers[:, 0])
-        return PlanarState(box, fingers.at[:, 0].add(towards_box * self.physics.finger_radius))
+        return ReleasedState(box, fingers.at[:, 0].add(towards_box * self.physics.finger_radius))
 
-    def observe(self, state: PlanarState) -> tuple[Box, Fingers]:
+    def observe(self, state: ReleasedState) -> tuple[Box, Fingers]:
         return state
 
-    def step(self, state: PlanarState, setpoints: Setpoints) -> PlanarState:
+    def step(self, state: ReleasedState, setpoints: Setpoints) -> ReleasedState:
         """Advances by one time step under the setpoints [2F]."""
         p = self.physics
         box, fingers = state
@@ -70,7 +77,7 @@ class ReleasedSimulator:
         forces += jax.vmap(self._finger_floor)(fingers) + on_fingers
 
         acceleration = wrench / jnp.array([p.box_mass, p.box_mass, p.box_inertia])
-        return PlanarState(
+        return ReleasedState(
             box + p.timestep * jnp.concatenate([box[3:], acceleration]),
             fingers + p.timestep * jnp.concatenate([fingers[:, 2:], forces / p.finger_mass], axis=1),
         )
@@ -138,3 +145,19 @@ def diagonal_sector(point: Vector) -> Vector:
     upright = right_or_up == left_or_up
     sign = jnp.where(right_or_up, 1.0, -1.0)
     return sign * jnp.where(upright, jnp.array([0.0, 1.0]), jnp.array([1.0, 0.0]))
+
+
+def rotate(angle: Scalar, vector: Vector) -> Vector:
+    """`vector` turned counter-clockwise by `angle` [rad]."""
+    cos, sin = jnp.cos(angle), jnp.sin(angle)
+    return jnp.array([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]])
+
+
+def perpendicular(vector: Vector) -> Vector:
+    """`vector` turned counter-clockwise by a right angle: the velocity of that point under unit angular speed."""
+    return jnp.array([-vector[1], vector[0]])
+
+
+def cross(a: Vector, b: Vector) -> Scalar:
+    """The plane's cross product: the counter-clockwise torque of force b with lever arm a."""
+    return a[0] * b[1] - a[1] * b[0]

@@ -2,15 +2,16 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Float
 
 from tog_mjx.scene import Scene
-from tog_mjx.simulators.penalty import PenaltySimulator, PlanarState, box_distance
+from tog_mjx.simulators.penalty import PenaltySimulator, PlanarState
+from tog_mjx.simulators.plane import Plane
 from tog_mjx.simulators.released import ReleasedSimulator, diagonal_sector
-from tog_mjx.types import AnyArray, Box, Fingers, Scalar, Setpoints, Vector
+from tog_mjx.types import Box, Fingers, Scalar, Setpoints
 
 
 @jax.tree_util.register_dataclass
@@ -18,15 +19,9 @@ from tog_mjx.types import AnyArray, Box, Fingers, Scalar, Setpoints, Vector
 class ExplicitEuler(PenaltySimulator):
     """Positions advance with the old velocities."""
 
-    def _integrate(
-        self, state: PlanarState, box_acceleration: Float[AnyArray, "3"], finger_acceleration: Float[AnyArray, "F 2"]
-    ) -> PlanarState:
-        box, fingers = state
+    def _integrate(self, position: Any, velocity: Any, acceleration: Any) -> tuple[Any, Any]:
         dt = self.physics.timestep
-        return PlanarState(
-            box + dt * jnp.concatenate([box[3:], box_acceleration]),
-            fingers + dt * jnp.concatenate([fingers[:, 2:], finger_acceleration], axis=1),
-        )
+        return position + velocity * dt, velocity + acceleration * dt
 
 
 @jax.tree_util.register_dataclass
@@ -34,9 +29,9 @@ class ExplicitEuler(PenaltySimulator):
 class SectorNormals(PenaltySimulator):
     """A finger is pushed along the normal of the diagonal sector that it lies in, at the box's corners too."""
 
-    def _distance(self, point: Vector) -> tuple[Scalar, Vector]:
-        distance, _ = box_distance(self.physics.box_half, point)
-        return distance, diagonal_sector(point)
+    def _distance(self, point: Plane) -> tuple[Scalar, Plane]:
+        distance, _ = super()._distance(point)
+        return distance, Plane.of(diagonal_sector(jnp.stack(point)))
 
 
 @jax.tree_util.register_dataclass
@@ -45,7 +40,7 @@ class PointFingers(PenaltySimulator):
     """Fingers are points, which start where the spheres' surfaces do."""
 
     def init(self, box: Box, fingers: Fingers) -> PlanarState:
-        return ReleasedSimulator(self.physics).init(box, fingers)
+        return super().init(*ReleasedSimulator(self.physics).init(box, fingers))
 
     def step(self, state: PlanarState, setpoints: Setpoints) -> PlanarState:
         point = PenaltySimulator(self.physics._replace(finger_radius=0.0), self.friction)

@@ -1,0 +1,74 @@
+"""A batch over many devices, in one process and in two: the numbers of one device."""
+
+import os
+import socket
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tog_mjx.batches import CHUNK
+from tog_mjx.landscape import landscape
+from tog_mjx.tasks import get_task
+
+# The program of every process: a landscape whose points fill no chunk evenly, continued from half of its values.
+PROGRAM = """
+import sys, jax, numpy as np
+jax.config.update("jax_enable_compilation_cache", False)
+address, process, processes, folder = sys.argv[1:5]
+if int(processes) > 1:
+    jax.distributed.initialize(address, int(processes), int(process))
+from pathlib import Path
+from tog_mjx.landscape import landscape
+from tog_mjx.tasks import get_task
+said = []
+costs = landscape(get_task("flip"), "penalty", 31, Path(folder) / "kept", said.append).costs
+np.savez(Path(folder) / f"process_{process}.npz", costs=costs, said=said, devices=jax.device_count())
+"""
+POINTS = 31**2
+
+
+def run(folder, processes: int, devices: int) -> list[dict[str, np.ndarray]]:
+    """What each process found. Each has `devices` virtual ones."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    environment = os.environ | {
+        "XLA_FLAGS": f"--xla_force_host_platform_device_count={devices}",
+        "JAX_PLATFORMS": "cpu",
+    }
+    started = [
+        subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, address, str(i), str(processes), str(folder)],
+            env=environment,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for i in range(processes)
+    ]
+    complaints = [process.communicate(timeout=300)[1] for process in started]
+    assert [process.returncode for process in started] == [0] * processes, complaints
+    return [dict(np.load(folder / f"process_{i}.npz")) for i in range(processes)]
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory) -> np.ndarray:
+    """The landscape of this process, which has one device."""
+    return landscape(get_task("flip"), "penalty", 31, tmp_path_factory.mktemp("alone")).costs
+
+
+@pytest.mark.parametrize(("processes", "devices"), [(1, 8), (2, 2)])
+def test_many_devices_give_the_numbers_of_one(tmp_path, alone, processes, devices):
+    total = processes * devices
+    found = run(tmp_path, processes, devices)
+    for one in found:
+        assert one["devices"] == total
+        np.testing.assert_allclose(one["costs"], alone, rtol=0, atol=1e-12)
+        chunks = np.minimum(np.arange(1, -(-POINTS // (CHUNK * total)) + 1) * CHUNK * total, POINTS)
+        np.testing.assert_array_equal(one["said"], chunks)
+    # What was kept is read by all processes, the second of which could not read it itself.
+    again = run(tmp_path, processes, devices)
+    for one in again:
+        assert one["said"].size == 0
+        np.testing.assert_array_equal(one["costs"], found[0]["costs"])
