@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from conftest import simulate_in_c
 from PIL import Image, ImageSequence
+from saved_run import COSTS, save_run
 
 from tog_mjx import comparison
-from tog_mjx.comparison import Run
-from tog_mjx.descent import Descent, Status
 from tog_mjx.errors import InputError
 from tog_mjx.rollout import rollout
 from tog_mjx.scene import compile_model, load_scene, scene_path
@@ -28,10 +27,7 @@ def model_of(task: str = "flip") -> mujoco.MjModel:
 
 def saved_run(folder, simulator="penalty", task="flip"):
     setpoints = get_task(task).initial_guess + np.array([[0.0], [0.1], [0.05]])
-    record = Descent(np.array([2.0, 1.0, 1.5]), setpoints, np.zeros_like(setpoints), Status.EXHAUSTED, 0.0, 0.0)
-    run = Run(simulator, task, "exact", iterations=2)
-    comparison.save(run, record, folder)
-    return run.path(folder), setpoints
+    return save_run(folder, setpoints, simulator, task), setpoints
 
 
 KEYS = '<keyframe><key name="a" ctrl="3"/>{}</keyframe>'
@@ -93,7 +89,7 @@ def test_an_iterate_is_read_from_its_run(tmp_path, which, number):
     path, setpoints = saved_run(tmp_path)
     iterate = read_iterate(path, which)
     assert (iterate.task.name, iterate.simulator, iterate.number) == ("flip", "penalty", number)
-    assert iterate.cost == [2.0, 1.0, 1.5][number]
+    assert iterate.cost == COSTS[number]
     np.testing.assert_array_equal(iterate.setpoints, setpoints[number])
 
 
