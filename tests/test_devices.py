@@ -12,7 +12,7 @@ from tog_mjx.batches import CHUNK
 from tog_mjx.landscape import landscape
 from tog_mjx.tasks import get_task
 
-# The program of every process: a landscape whose points fill no chunk evenly, continued from half of its values.
+# The program of every process: a landscape whose points fill no chunk evenly.
 PROGRAM = """
 import sys, jax, numpy as np
 jax.config.update("jax_enable_compilation_cache", False)
@@ -21,7 +21,9 @@ if int(processes) > 1:
     jax.distributed.initialize(address, int(processes), int(process))
 from pathlib import Path
 from tog_mjx.landscape import landscape
+from tog_mjx.simulators import PenaltySimulator
 from tog_mjx.tasks import get_task
+PenaltySimulator.CHUNK = 64
 said = []
 costs = landscape(get_task("flip"), "penalty", 31, Path(folder) / "kept", said.append).costs
 np.savez(Path(folder) / f"process_{process}.npz", costs=costs, said=said, devices=jax.device_count())

@@ -15,7 +15,7 @@ from tog_mjx.batches import map_kept
 from tog_mjx.digests import program_digest, scene_digest
 from tog_mjx.gradients import exact
 from tog_mjx.rollout import final_cost
-from tog_mjx.simulators import make_simulator, precision
+from tog_mjx.simulators import SIMULATORS, make_simulator, precision
 from tog_mjx.tasks import Task
 from tog_mjx.types import Scalar, Vector
 
@@ -45,7 +45,8 @@ def landscape(
     with precision(simulator):
         cost = _cost(task, simulator)
         path = folder / f"landscape_{size}.npz"
-        costs = map_kept(cost, points, path, _settings(task, simulator, "costs"), report)
+        settings = _settings(task, simulator, "costs")
+        costs = map_kept(cost, points, path, settings, report, SIMULATORS[simulator].CHUNK)
     return Landscape(points, costs.reshape(size, size))
 
 

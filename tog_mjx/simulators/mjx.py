@@ -37,6 +37,7 @@ class MjxSimulator:
     """
 
     OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"differentiation": tuple(STEPS)}
+    CHUNK: ClassVar[int] = 64
 
     model: mjx.Model
     joints: tuple[int, ...] = dataclasses.field(metadata={"static": True})

@@ -51,6 +51,7 @@ class PenaltySimulator:
     """Parameters are leaves; the friction law is static. Implements `tog_mjx.simulators.simulator.Simulator`."""
 
     OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"friction": ("mujoco", "paper")}
+    CHUNK: ClassVar[int] = 4096
 
     physics: Physics
     friction: str = dataclasses.field(default="mujoco", metadata={"static": True})

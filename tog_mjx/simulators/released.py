@@ -47,6 +47,7 @@ class ReleasedSimulator:
     """Parameters are leaves. Implements `tog_mjx.simulators.simulator.Simulator`."""
 
     OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {}
+    CHUNK: ClassVar[int] = 4096
 
     physics: Physics
 

@@ -7,7 +7,8 @@ A simulator is an immutable set of parameters with three pure functions; everyth
     box, fingers = simulator.observe(state)
 
 A simulator knows no task. Its parameters are leaves of a pytree, so that a compiled function can take them as an
-argument and differentiate with respect to them; its choices of law and differentiation are static.
+argument and differentiate with respect to them; its choices of law and differentiation are static. `CHUNK` is the
+number of motions that it simulates quickest at a time on one device.
 """
 
 from collections.abc import Mapping
