@@ -1,111 +1,108 @@
-"""What a gradient costs: times as ratios of the same run, on one task.
+"""What simulation and its gradients cost on this machine: rivals measured in turns, in one run.
 
-Rivals: one evaluation of J; stock MJX in reverse mode with its solver cut to one iteration, the only way in which stock
-reverse mode runs at all; and central differences of C MuJoCo, with one step size.
+Medians. Compilation is measured apart, without the cache. With --out, the numbers as JSON and a figure beside them.
 """
 
-import dataclasses
+import contextlib
 import os
-import time
-from collections.abc import Callable
+import platform
+from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tog_mjx import reference
+from tog_mjx.benchmarks import sections
 from tog_mjx.console import ArgumentParser, run_main
-from tog_mjx.rollout import final_cost
-from tog_mjx.simulators import MjxSimulator, make_simulator
-from tog_mjx.tasks import TASKS, Task, get_task
+from tog_mjx.figures.crossover import draw_crossover
+from tog_mjx.figures.style import save_figure
+from tog_mjx.storage import check_writable, save_json
+from tog_mjx.tasks import TASKS, get_task
 
-BATCH = 32
+SECTIONS = ("single", "batches", "crossover", "scaling")
+BATCHES, MJX_LIMIT, KNOTS, FACTORS = (64, 256, 1024, 4096, 16384, 40000), 256, (1, 4, 16, 64, 256, 512), (1, 4, 16, 64)
+QUICK_BATCHES, QUICK_KNOTS, QUICK_FACTORS = (64, 1024), (1, 8), (1, 4)
 
 
 def main() -> None:
+    args = parse_arguments()
+    if args.out:
+        check_writable(args.out)
+    console = Console(width=120, highlight=False)
+    jax.config.update("jax_enable_compilation_cache", False)  # Compilation is measured too.
+    with jax.enable_x64(not args.float32):
+        rows = {name: measure(name, args, console) for name in args.section}
+    if args.out:
+        save_json(args.out, {"machine": machine(args), **rows})
+        if "crossover" in rows:
+            save_figure(draw_crossover(rows["crossover"]), args.out.with_suffix(".png"))
+
+
+def parse_arguments():
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--task", choices=list(TASKS), default="flip")
+    parser.add_argument("--section", choices=SECTIONS, nargs="+", default=list(SECTIONS))
+    parser.add_argument("--quick", action="store_true", help="fewer rounds, smaller batches, fewer knots")
     parser.add_argument(
-        "--repeats", type=int, default=15, metavar="N", help="of which the median is taken (default: 15)"
+        "--repeats", type=int, metavar="N", help="rounds, of which the median is taken (default: 15; quick: 3)"
     )
+    parser.add_argument("--float32", action="store_true", help="instead of float64")
+    parser.add_argument("--out", type=Path, metavar="FILE.json", help="where to keep the numbers")
     args = parser.parse_args()
+    if args.repeats is None:
+        args.repeats = 3 if args.quick else 15
     if args.repeats < 1:
         parser.error(f"argument --repeats: {args.repeats} is too few; give 1 or more")
-    jax.config.update("jax_enable_x64", True)
-    jax.config.update("jax_enable_compilation_cache", False)  # Compilation is measured too.
-    task = get_task(args.task)
-    table = Table(box=box.MARKDOWN)
-    for column in (
-        f"{task.name}, {task.initial_guess.size} variables",
-        "compile s",
-        "ms",
-        "evaluations",
-        "MB",
-        "ms each of 32",
-    ):
-        table.add_column(column, justify="left" if column.startswith(task.name) else "right", no_wrap=True)
-    for row in measure(task, args.repeats):
-        table.add_row(*row)
-    Console(width=120, highlight=False).print(table)
+    return args
 
 
-def one_iteration(simulator: MjxSimulator) -> MjxSimulator:
-    """Stock MJX with solver and line search cut to one iteration."""
-    option = simulator.model.opt.replace(iterations=1, ls_iterations=1)
-    return dataclasses.replace(simulator, model=simulator.model.replace(opt=option), differentiation="native")
+def measure(name: str, args, console: Console) -> list[dict[str, Any]]:
+    """Runs a section and prints its table."""
+    task, few = get_task(args.task), max(1, args.repeats // 5)
+    with console.status(name) if console.is_terminal else contextlib.nullcontext() as status:
+
+        def report(text: str) -> None:
+            if status is not None:
+                status.update(text)
+            else:
+                console.print(text, style="dim")
+
+        match name:
+            case "single":
+                rows = sections.single(task, args.repeats, report)
+            case "batches":
+                sizes = QUICK_BATCHES if args.quick else BATCHES
+                rows = sections.batches(task, sizes, MJX_LIMIT, few, report)
+            case "crossover":
+                knots = QUICK_KNOTS if args.quick else KNOTS
+                rows = sections.crossover(task, knots, few, report)
+            case _:
+                rows = sections.scaling(task, QUICK_FACTORS if args.quick else FACTORS, few, report)
+    console.print(table(f"{name}, {args.task}, {'float32' if args.float32 else 'float64'}", rows))
+    return rows
 
 
-def measure(task: Task, repeats: int) -> list[tuple[str, ...]]:
-    simulator = make_simulator("mjx", task.scene)
-    assert isinstance(simulator, MjxSimulator)
-    stock = one_iteration(simulator)
-
-    def cost(u: jax.Array) -> Any:
-        return final_cost(task, simulator, u)
-
-    functions: dict[str, Callable] = {
-        "J": cost,
-        "forward mode": jax.jacfwd(cost),
-        "reverse mode": jax.grad(cost),
-        "stock reverse mode, 1 iteration": jax.grad(lambda u: final_cost(task, stock, u)),
-    }
-    u = jnp.array(task.initial_guess)
-    us = u + jnp.linspace(0, 0.1, BATCH)[:, None]
-    rows, single, batched = {}, {}, {}
-    for name, function in functions.items():
-        start = time.perf_counter()
-        single[name] = jax.jit(function).lower(u).compile()
-        seconds = time.perf_counter() - start
-        memory = single[name].memory_analysis()
-        rows[name] = f"{seconds:.1f}", f"{memory.temp_size_in_bytes / 1e6:.2f}" if memory else "-"
-        batched[name] = jax.jit(jax.vmap(function)).lower(us).compile()
-    steps = 1e-7 * np.concatenate([np.eye(u.size), -np.eye(u.size)]) + task.initial_guess
-    times = interleaved({name: lambda f=f: f(u) for name, f in single.items()}, repeats)
-    many = interleaved({name: lambda f=f: f(us) for name, f in batched.items()}, max(3, repeats // 5))
-    c = interleaved({"c": lambda: reference.final_costs(task, steps)}, repeats)["c"]
-    found: list[tuple[str, ...]] = []
-    for name, (compiled, memory) in rows.items():
-        ratio = f"{times[name] / times['J']:.2f}"
-        found.append((name, compiled, f"{1e3 * times[name]:.1f}", ratio, memory, f"{1e3 * many[name] / BATCH:.2f}"))
-    found.append(
-        (f"C MuJoCo, differences, {os.cpu_count()} cores", "-", f"{1e3 * c:.1f}", f"{c / times['J']:.2f}", "-", "-")
-    )
+def table(title: str, rows: list[dict[str, Any]]) -> Table:
+    """Rows as they are, numbers to three digits."""
+    found = Table(title=title, title_justify="left", box=box.MARKDOWN)
+    for column, value in rows[0].items():
+        found.add_column(column, justify="left" if isinstance(value, str) else "right", no_wrap=True)
+    for row in rows:
+        found.add_row(*(f"{v:.3g}" if isinstance(v, float) else "-" if v is None else str(v) for v in row.values()))
     return found
 
 
-def interleaved(functions: dict[str, Callable], repeats: int) -> dict[str, float]:
-    """Median seconds of each, one after the other in every round, so that a slow spell of the machine hits all."""
-    seconds: dict[str, list[float]] = {name: [] for name in functions}
-    for _ in range(repeats):
-        for name, function in functions.items():
-            start = time.perf_counter()
-            jax.block_until_ready(function())
-            seconds[name].append(time.perf_counter() - start)
-    return {name: float(np.median(found)) for name, found in seconds.items()}
+def machine(args) -> dict[str, Any]:
+    return {
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+        "devices": [str(device) for device in jax.devices()],
+        "jax": jax.__version__,
+        "precision": "float32" if args.float32 else "float64",
+        "repeats": args.repeats,
+    }
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from tog_mjx.simulators import Simulator
 from tog_mjx.tasks import Task, get_task
 
 jax.config.update("jax_enable_x64", True)
-jax.config.update("jax_num_cpu_devices", 1)  # Whatever script a test starts first; other numbers have tests of their own.
+jax.config.update("jax_num_cpu_devices", 1)  # Whichever script a test starts first.
 enable_compilation_cache()
 # The first example of a test compiles; a machine's speed is no property of the code.
 settings.register_profile("tog_mjx", deadline=None, derandomize=True)

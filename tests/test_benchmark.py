@@ -1,24 +1,36 @@
 """The benchmark's own arithmetic and manners; its numbers are a machine's, and no test's."""
 
-import runpy
-import time
-from pathlib import Path
+import json
 
 import pytest
 
+from tog_mjx.benchmarks import sections
 
-def test_each_gets_its_own_median():
-    interleaved = runpy.run_path(str(Path(__file__).parent.parent / "scripts" / "benchmark.py"))["interleaved"]
-    order = []
+KEYS = {
+    "single": {"simulator", "what", "ms", "evaluations", "seconds_compile", "megabytes"},
+    "batches": {"simulator", "what", "batch", "per_second", "seconds"},
+    "crossover": {"simulator", "method", "knots", "ms", "variables"},
+    "scaling": {"grows", "factor", "what", "ms", "megabytes"},
+}
 
-    def long():
-        order.append("long")
-        time.sleep(0.05)
 
-    found = interleaved({"short": lambda: order.append("short"), "long": long}, 3)
-    assert order == ["short", "long"] * 3
-    assert found["long"] >= 0.05
-    assert found["long"] > found["short"]
+def test_sections_that_need_no_mjx_are_printed_and_kept(run_script, tmp_path, monkeypatch):
+    monkeypatch.setattr(sections, "SIMULATED", ("penalty",))
+    out = tmp_path / "times.json"
+    names = ["batches", "crossover", "scaling"]
+    status, said, _ = run_script(
+        "benchmark.py", "--quick", "--repeats", "1", "--section", *names, "--float32", "--out", out
+    )
+    assert status == 0
+    found = json.loads(out.read_text())
+    assert found["machine"]["precision"] == "float32"
+    for name in names:
+        assert f"{name}, flip, float32" in said
+        assert all(set(row) == KEYS[name] for row in found[name])
+        assert all(row["seconds" if name == "batches" else "ms"] > 0 for row in found[name])
+    assert {row["variables"] for row in found["crossover"]} == {2, 16}
+    assert {row["batch"] for row in found["batches"]} == {64, 1024}
+    assert out.with_suffix(".png").stat().st_size > 10_000
 
 
 @pytest.mark.parametrize(

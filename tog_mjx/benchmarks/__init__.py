@@ -1,0 +1,1 @@
+"""What things cost on this machine: times of rivals in one run, and the rivals themselves."""
