@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tog_mjx.gradients import exact, stochastic
+from tog_mjx.gradients import exact, exact_batch, stochastic
 
 HESSIAN = jnp.array([[2.0, 0.5], [0.5, 1.0]])
 SLOPE = jnp.array([1.0, -3.0])
@@ -63,3 +63,13 @@ def test_stochastic_takes_a_cost_without_a_derivative():
 def test_a_meaningless_sigma_is_refused(sigma):
     with pytest.raises(ValueError, match="sigma is"):
         stochastic(quadratic, sigma)
+
+
+def test_a_batch_of_exact_gradients_is_that_of_each():
+    def objective(u):
+        return jnp.sin(u[0]) * u[1] ** 2 + u[2]
+
+    points = jnp.array(np.random.default_rng(0).normal(size=(5, 3)))
+    costs, slopes = exact_batch(objective)(points)
+    np.testing.assert_allclose(costs, jax.vmap(objective)(points), rtol=1e-15)
+    np.testing.assert_allclose(slopes, jax.vmap(jax.grad(objective))(points), rtol=1e-14)

@@ -27,7 +27,7 @@ def map_points(
     report: Callable[[int], None] = lambda _: None,
     chunk: int = CHUNK,
 ) -> Any:
-    """`function` (of one point [n], any pytree as its value) of every point: its value with a leading axis [N].
+    """`function` of all points: of a batch of any length [k, n], with a pytree of arrays [k, ...] as its value.
 
     `report` is called with the number of points done.
     """
@@ -52,8 +52,8 @@ def map_kept(
     on; others, or a damaged file, begin anew.
     """
     settings = json.loads(json.dumps({**settings, "points": len(points)}))
-    value = jax.eval_shape(function, jnp.asarray(points[0]))
-    kept = agree(_read(path, settings) if is_first_process() else None, value.shape, value.dtype)
+    value = jax.eval_shape(function, jnp.asarray(points[:1]))
+    kept = agree(_read(path, settings) if is_first_process() else None, value.shape[1:], value.dtype)
     if len(kept) == len(points):
         return kept
     found = [kept]

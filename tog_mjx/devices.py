@@ -32,15 +32,16 @@ def use_all_cores() -> None:
 
 
 def over_devices(function: Callable) -> Callable[[np.ndarray], Any]:
-    """`function` of every row of a batch, compiled: NumPy arrays to NumPy arrays (or pytrees of them).
+    """`function` of a batch, compiled, each device with its part: NumPy arrays to NumPy arrays (or pytrees of them).
 
-    The length of the batch must be a multiple of `jax.device_count()`. With several processes, each must call it with
-    the same batch, and each gets all results.
+    Arguments and results have the batch as their leading axis, and rows must not depend on each other. The length of
+    the batch must be a multiple of `jax.device_count()`. With several processes, each must call it with the same batch,
+    and each gets all results.
     """
     mesh = Mesh(np.array(jax.devices()), (_AXIS,))
     split = PartitionSpec(_AXIS)
     # A loop whose length depends on the data is beyond the check that every device agrees on what is replicated.
-    parts = jax.shard_map(jax.vmap(function), mesh=mesh, in_specs=split, out_specs=split, check_vma=False)
+    parts = jax.shard_map(function, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)
     run = jax.jit(parts)
 
     def apply(batch: np.ndarray) -> Any:

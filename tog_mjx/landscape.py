@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from tog_mjx.batches import map_kept
 from tog_mjx.digests import program_digest, scene_digest
-from tog_mjx.gradients import exact
+from tog_mjx.gradients import exact_batch
 from tog_mjx.rollout import final_cost
 from tog_mjx.simulators import SIMULATORS, make_simulator, precision
 from tog_mjx.tasks import Task
@@ -43,7 +43,7 @@ def landscape(
     """
     points = grid(task, size)
     with precision(simulator):
-        cost = _cost(task, simulator)
+        cost = jax.vmap(_cost(task, simulator))
         path = folder / f"landscape_{size}.npz"
         settings = _settings(task, simulator, "costs")
         costs = map_kept(cost, points, path, settings, report, SIMULATORS[simulator].CHUNK)
@@ -56,14 +56,11 @@ def gradient_field(
     """At the centres of `size` x `size` cells of the window. Kept in `folder`; a killed one is continued."""
     points = grid(task, size, centred=True)
     with precision(simulator):
-        estimate = exact(_cost(task, simulator), "forward")
+        gradient = exact_batch(_cost(task, simulator))
         path = folder / f"gradient_field_{size}.npz"
+        settings = _settings(task, simulator, "gradients")
         gradients = map_kept(
-            lambda point: estimate(jax.random.key(0), point)[1],
-            points,
-            path,
-            _settings(task, simulator, "gradients"),
-            report,
+            lambda batch: gradient(batch)[1], points, path, settings, report, SIMULATORS[simulator].CHUNK
         )
     return GradientField(points, gradients)
 

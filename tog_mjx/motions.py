@@ -41,5 +41,5 @@ def simulate_many(
             whole = trajectory(task, engine, u)
             return jax.tree.map(lambda leaf: leaf[kept], whole), task.cost(whole.box[-1])
 
-        states, costs = map_points(motion, setpoints, report)
+        states, costs = map_points(jax.vmap(motion), setpoints, report)
     return Motions(states.time[0], states.box, states.fingers, costs)

@@ -1,5 +1,6 @@
 """The exact gradient, by automatic differentiation (the paper's equation 8)."""
 
+from collections.abc import Callable
 from typing import Literal
 
 import jax
@@ -29,3 +30,23 @@ def exact(objective: Objective, mode: Literal["forward", "reverse"] | None = Non
         return along(jnp.eye(u.size, dtype=u.dtype))
 
     return estimate
+
+
+def exact_batch(
+    objective: Objective,
+) -> Callable[[Float[Array, "N n"]], tuple[Float[Array, " N"], Float[Array, "N n"]]]:
+    """J and its derivative at many points at once, in forward mode.
+
+    The directions are the outermost axis of the computation and the points the innermost one, along which a processor
+    works on several numbers at a time: on the penalty simulator that takes half the time of a batch of gradients.
+    """
+    values = jax.vmap(objective)
+
+    def batch(points: Float[Array, "N n"]) -> tuple[Float[Array, " N"], Float[Array, "N n"]]:
+        def along(direction: Float[Array, " n"]) -> tuple[Float[Array, " N"], Float[Array, " N"]]:
+            return jax.jvp(values, (points,), (jnp.broadcast_to(direction, points.shape),))
+
+        costs, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(points.shape[1], dtype=points.dtype))
+        return costs, slopes.T
+
+    return batch
