@@ -74,6 +74,13 @@ def map_kept(
     return keep()
 
 
+def chunk_size(number: int, chunk: int) -> int:
+    """Points in each of the fewest equal chunks of so many points, with at most `chunk` on a device."""
+    devices = jax.device_count()
+    chunks = -(-number // (chunk * devices))
+    return devices * -(-number // (chunks * devices))
+
+
 def _read(path: Path, settings: Mapping[str, Any]) -> np.ndarray | None:
     """The values that a file made with these settings holds."""
     with contextlib.suppress(FileNotFoundError, DamagedFileError):
@@ -85,8 +92,7 @@ def _read(path: Path, settings: Mapping[str, Any]) -> np.ndarray | None:
 
 def _chunks(function: Callable, points: np.ndarray, done: int, chunk: int) -> Iterator[tuple[int, Any]]:
     """The number of points done and the values of the last chunk, again and again."""
-    run, devices = over_devices(function), jax.device_count()
-    size = devices * min(chunk, -(-(len(points) - done) // devices))
+    run, size = over_devices(function), chunk_size(len(points) - done, chunk)
     for first in range(done, len(points), size):
         some = points[first : first + size]
         whole = np.resize(some, (size, *some.shape[1:]))  # The last chunk is filled up with points of its own.

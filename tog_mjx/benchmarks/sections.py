@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tog_mjx import reference
+from tog_mjx.batches import chunk_size
 from tog_mjx.benchmarks.rivals import c_loop, python_loop
 from tog_mjx.benchmarks.timing import compiled, interleaved
 from tog_mjx.devices import over_devices
@@ -119,12 +120,9 @@ def batches(task: Task, sizes: Sequence[int], mjx_limit: int, repeats: int, repo
 
 def _in_chunks(function: Callable, setpoints: np.ndarray, simulator: str) -> Callable[[], Any]:
     """As `batches.map_points` works, compiled beforehand."""
-    run, devices = over_devices(function), jax.device_count()
-    size = devices * min(SIMULATORS[simulator].CHUNK, -(-len(setpoints) // devices))
-    chunks = [
-        np.resize(setpoints[first : first + size], (size, setpoints.shape[1]))
-        for first in range(0, len(setpoints), size)
-    ]
+    run, size = over_devices(function), chunk_size(len(setpoints), SIMULATORS[simulator].CHUNK)
+    firsts = range(0, len(setpoints), size)
+    chunks = [np.resize(setpoints[first : first + size], (size, setpoints.shape[1])) for first in firsts]
     return lambda: [run(chunk) for chunk in chunks]
 
 
