@@ -59,7 +59,7 @@ def test_motions_survive_packing_and_what_flies_away_is_held():
     np.testing.assert_allclose(found, expected, rtol=0, atol=QUANTUM / 2 + 1e-12)
 
 
-@pytest.mark.parametrize("number", [1, 2, ITERATES, 1001])
+@pytest.mark.parametrize("number", [1, 2, ITERATES, 10_000])
 def test_thinned_iterates_keep_the_first_and_the_last(number):
     kept = thinned(number)
     assert kept[0] == 0

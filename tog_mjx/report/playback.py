@@ -25,7 +25,7 @@ QUANTUM = 2.5e-4
 """In m and rad. A body is shown where it is to a quarter of a millimetre."""
 FARTHEST = 4.0
 """In m and rad. What flies farther is held there, out of sight; so every difference of two poses fits into 16 bits."""
-GRID, ITERATES, EVERY = 33, 101, 10
+GRID, ITERATES, EVERY = 33, 2001, 10
 """Points of the window along each axis, iterates of a descent at most, time steps from one pose to the next."""
 
 
