@@ -12,12 +12,12 @@ from rich.table import Table
 
 from tog_mjx import agreement, friction_law
 from tog_mjx.agreement import METHODS, MJX, PENALTY, REFERENCE, Agreement, Gradients, Piece
-from tog_mjx.console import ArgumentParser, Work, check_writable, run_main
+from tog_mjx.console import ArgumentParser, Work, run_main
 from tog_mjx.figures import draw_agreement
 from tog_mjx.figures.style import save_figure
 from tog_mjx.landscape import gradient_field, landscape
 from tog_mjx.simulators import TERMS
-from tog_mjx.storage import DamagedFileError, save_json
+from tog_mjx.storage import DamagedFileError, check_writable, save_json
 from tog_mjx.tasks import TASKS, get_task
 
 LANDSCAPE, ARROWS = 40, 12
@@ -32,7 +32,7 @@ def main() -> None:
     methods = [*METHODS, *(TERMS if args.terms else ())]
     tasks = list(TASKS) if args.task == "all" else [args.task]
     pieces = [Piece(task, method, args.points, args.seed) for task in tasks for method in methods]
-    check_writable(args.out)
+    check_writable(args.out / "summary.json")
     if not args.force:  # Refused before the work, not in the middle of it.
         for piece in pieces:
             find(piece, args.out, console)

@@ -10,9 +10,10 @@ from rich.console import Console
 
 from tog_mjx import comparison, gallery
 from tog_mjx.comparison import METHODS
-from tog_mjx.console import ArgumentParser, check_writable, run_main
+from tog_mjx.console import ArgumentParser, run_main
 from tog_mjx.execution import finish_landscape, finish_runs
 from tog_mjx.simulators import SIMULATORS
+from tog_mjx.storage import check_writable
 from tog_mjx.tasks import TASKS, get_task
 
 
@@ -21,7 +22,7 @@ def main() -> None:
     console = Console(soft_wrap=True, highlight=False)
     tasks = list(TASKS) if args.task == "all" else [args.task]
     runs = comparison.all_runs(args.simulator, tasks, list(METHODS), args.seed, args.iterations)
-    check_writable(args.out)
+    check_writable(args.out / "table_1.md")
     finish_runs(runs, args.out, console)
     pictures = gallery.draw_common([get_task(name) for name in tasks], args.out)
     for simulator, task in dict.fromkeys((run.simulator, run.task) for run in runs):

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from tog_mjx import comparison, gallery
 from tog_mjx.comparison import METHODS, Run
-from tog_mjx.console import ArgumentParser, Work, check_writable, run_main
+from tog_mjx.console import ArgumentParser, Work, run_main
 from tog_mjx.descent import Descent
 from tog_mjx.execution import find_finished, finish_landscape, finish_runs, label
 from tog_mjx.gallery import Picture
@@ -25,7 +25,7 @@ from tog_mjx.published import published
 from tog_mjx.report import Section, write_report
 from tog_mjx.report.playback import GRID, scenario, thinned
 from tog_mjx.simulators import SIMULATORS
-from tog_mjx.storage import save_json
+from tog_mjx.storage import check_writable, save_json
 from tog_mjx.tasks import TASKS, Task, get_task
 
 REPORT = "report.html"
@@ -36,7 +36,7 @@ def main() -> None:
     console = Console(soft_wrap=True, highlight=False)
     tasks = list(TASKS) if args.task == "all" else [args.task]
     runs = comparison.all_runs(args.simulator, tasks, args.method, args.seed, args.iterations)
-    check_writable(args.out)
+    check_writable(args.out / "summary.json")
     finish_runs(runs, args.out, console, args.force)
 
     # Runs of the same settings that were not asked for this time belong to the picture too.

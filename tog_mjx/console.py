@@ -2,7 +2,6 @@
 
 import argparse
 import contextlib
-import errno
 import os
 import sys
 import tempfile
@@ -45,17 +44,6 @@ def run_main(main: Callable[[], None]) -> None:
     except KeyboardInterrupt:
         print(f"{name}: interrupted; what was finished is kept, the same command continues", file=sys.stderr)
         sys.exit(130)
-
-
-def check_writable(out: Path) -> None:
-    """Fails before the work, not after it."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=out).close()
-        if (out / "summary.json").is_dir():
-            raise IsADirectoryError(errno.EISDIR, "its summary.json is a folder")
-    except OSError as error:
-        raise InputError(f"--out {out} cannot be written ({error.strerror}); choose another folder") from None
 
 
 def enable_compilation_cache() -> None:

@@ -7,9 +7,8 @@ is R = A (1 - d) / d, and inside the friction cone the row's force is
     f = (a_ref - a) / R = d (a_ref - a) / (A (1 - d)),        a_ref = -B v - K d r,
 
 with r the signed distance (negative in penetration), v its rate and a its acceleration (MuJoCo, Computation:
-"Constraint model";
-Modeling: "Solver parameters"). A `solref` of two negative numbers (-k, -b) sets K = k / d^2 and B = b / d for an
-impedance d that does not depend on r. Then
+"Constraint model"; Modeling: "Solver parameters"). A `solref` of two negative numbers (-k, -b) sets K = k / d^2 and
+B = b / d for an impedance d that does not depend on r. Then
 
     f = (-b v - k r - d a) / (A (1 - d))    ->    -(k / A) r - (b / A) v        as d -> 0:
 

@@ -44,7 +44,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
         partial.chmod(0o666 & ~_umask())
         partial.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another folder") from None
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
     finally:
         if partial is not None:
             partial.unlink(missing_ok=True)
@@ -62,7 +62,7 @@ def check_writable(path: Path) -> None:
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
     except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another file") from None
+        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
 
 
 def _umask() -> int:
