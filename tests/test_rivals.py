@@ -23,6 +23,7 @@ def test_the_c_loop_is_the_penalty_simulator():
         if flips is None:
             pytest.skip("no C compiler")
         found = flips(points)
+    assert np.array(5e-324) * np.array(1.0) > 0  # Its fast arithmetic is its own.
     expected = jax.vmap(tog.objective("flip", "penalty"))(points)
     # Single precision against double, over 599 steps.
     np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3)
