@@ -8,7 +8,6 @@ from rich.console import Console
 from tog_mjx import comparison
 from tog_mjx.comparison import Run
 from tog_mjx.console import Work
-from tog_mjx.descent import Descent
 from tog_mjx.errors import InputError
 from tog_mjx.landscape import Landscape, landscape
 from tog_mjx.storage import DamagedFileError
@@ -65,7 +64,7 @@ def label(run: Run) -> str:
     return f"{run.simulator} {run.task} {run.method}"
 
 
-def _execute(run: Run, name: str, out: Path, console: Console) -> Descent:
+def _execute(run: Run, name: str, out: Path, console: Console) -> None:
     """Computes a run and keeps its result."""
     with Work(console).piece(name, run.rule.iterations + 1) as report:
         descent = comparison.compute(run, report)
@@ -75,4 +74,3 @@ def _execute(run: Run, name: str, out: Path, console: Console) -> Descent:
         f"best {descent.costs.min():.4f}; compiled in {descent.seconds_compile:.1f} s, ran {descent.seconds_run:.1f} s",
         markup=False,
     )
-    return descent

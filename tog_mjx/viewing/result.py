@@ -4,7 +4,6 @@ import dataclasses
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -13,7 +12,7 @@ from tog_mjx.digests import scene_digest
 from tog_mjx.errors import InputError
 from tog_mjx.rollout import check_setpoints, rollout
 from tog_mjx.scene import Scene
-from tog_mjx.simulators import check_names
+from tog_mjx.simulators import check_names, precision
 from tog_mjx.storage import DamagedFileError
 from tog_mjx.tasks import Task, get_task
 from tog_mjx.viewing.motion import Motion
@@ -63,7 +62,7 @@ def replay(iterate: Iterate, duration: float | None = None) -> Motion:
     if duration is not None:
         steps = round(duration / task.scene.model.opt.timestep)
         task = dataclasses.replace(task, horizon=steps + 1)
-    with jax.enable_x64(iterate.simulator != "released"):  # The released program is run as it was: in float32.
+    with precision(iterate.simulator):
         time, box, fingers = (np.asarray(x, float) for x in rollout(task, iterate.setpoints, iterate.simulator))
     return Motion(time, positions(task.scene, box, fingers))
 
