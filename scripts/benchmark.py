@@ -21,7 +21,7 @@ from tog_mjx.figures.style import save_figure
 from tog_mjx.storage import check_writable, save_json
 from tog_mjx.tasks import TASKS, get_task
 
-SECTIONS = ("single", "batches", "crossover", "scaling")
+SECTIONS = ("single", "start", "batches", "crossover", "scaling")
 BATCHES, MJX_LIMIT, KNOTS, FACTORS = (64, 256, 1024, 4096, 16384, 40000), 256, (1, 4, 16, 64, 256, 512), (1, 4, 16, 64)
 QUICK_BATCHES, QUICK_KNOTS, QUICK_FACTORS = (64, 1024), (1, 8), (1, 4)
 
@@ -72,6 +72,8 @@ def measure(name: str, args, console: Console) -> list[dict[str, Any]]:
         match name:
             case "single":
                 rows = sections.single(task, args.repeats, report)
+            case "start":
+                rows = sections.start(task, report)
             case "batches":
                 sizes = QUICK_BATCHES if args.quick else BATCHES
                 rows = sections.batches(task, sizes, MJX_LIMIT, few, report)

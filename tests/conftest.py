@@ -20,6 +20,7 @@ import pytest
 from hypothesis import settings
 
 from tog_mjx.console import enable_compilation_cache, run_main
+from tog_mjx.devices import compile_loops_whole
 from tog_mjx.rollout import Trajectory, final_cost, trajectory
 from tog_mjx.simulators import Simulator
 from tog_mjx.tasks import Task, get_task
@@ -27,6 +28,7 @@ from tog_mjx.tasks import Task, get_task
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 1)  # Whichever script a test starts first.
 enable_compilation_cache()
+compile_loops_whole()  # As scripts do.
 # The first example of a test compiles; a machine's speed is no property of the code.
 settings.register_profile("tog_mjx", deadline=None, derandomize=True)
 settings.load_profile("tog_mjx")

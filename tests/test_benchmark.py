@@ -8,6 +8,7 @@ from tog_mjx.benchmarks import sections
 
 KEYS = {
     "single": {"simulator", "what", "ms", "evaluations", "seconds_compile", "megabytes"},
+    "start": {"simulator", "what", "seconds", "seconds_trace", "seconds_compile"},
     "batches": {"simulator", "what", "batch", "per_second", "seconds"},
     "crossover": {"simulator", "method", "knots", "ms", "variables"},
     "scaling": {"grows", "factor", "what", "ms", "megabytes"},
@@ -17,7 +18,7 @@ KEYS = {
 def test_sections_that_need_no_mjx_are_printed_and_kept(run_script, tmp_path, monkeypatch):
     monkeypatch.setattr(sections, "SIMULATED", ("penalty",))
     out = tmp_path / "times.json"
-    names = ["batches", "crossover", "scaling"]
+    names = ["start", "batches", "crossover", "scaling"]
     status, said, _ = run_script(
         "benchmark.py", "--quick", "--repeats", "1", "--section", *names, "--float32", "--out", out
     )
@@ -27,7 +28,7 @@ def test_sections_that_need_no_mjx_are_printed_and_kept(run_script, tmp_path, mo
     for name in names:
         assert f"{name}, flip, float32" in said
         assert all(set(row) == KEYS[name] for row in found[name])
-        assert all(row["seconds" if name == "batches" else "ms"] > 0 for row in found[name])
+        assert all(row["seconds" if name in ("start", "batches") else "ms"] > 0 for row in found[name])
     assert {row["variables"] for row in found["crossover"]} == {2, 16}
     assert {row["batch"] for row in found["batches"]} == {64, 1024}
     assert out.with_suffix(".png").stat().st_size > 10_000

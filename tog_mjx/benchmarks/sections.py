@@ -5,6 +5,12 @@ Each section returns rows, as JSON holds them; times of one section come from th
 
 import dataclasses
 import functools
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +22,7 @@ from tog_mjx import reference
 from tog_mjx.batches import chunk_size
 from tog_mjx.benchmarks.rivals import c_loop, python_loop
 from tog_mjx.benchmarks.timing import compiled, interleaved
+from tog_mjx.console import CACHE_VARIABLE
 from tog_mjx.devices import over_devices
 from tog_mjx.gradients import exact_batch, stochastic
 from tog_mjx.rollout import final_cost
@@ -86,6 +93,22 @@ def one_iteration(simulator: Simulator) -> MjxSimulator:
     assert isinstance(simulator, MjxSimulator)
     option = simulator.model.opt.replace(iterations=1, ls_iterations=1)
     return dataclasses.replace(simulator, model=simulator.model.replace(opt=option), differentiation="native")
+
+
+def start(task: Task, report: Report) -> list[Row]:
+    """Seconds from the start of a fresh process to its first gradient, by `exact`: without and with a filled cache."""
+    rows = []
+    with tempfile.TemporaryDirectory() as cache:
+        for name in SIMULATED:
+            for what in ("compiled", "from the cache"):
+                report(f"start: {name}, {what}")
+                command = [sys.executable, "-m", "tog_mjx.benchmarks.first_gradient", task.name, name]
+                environment = {**os.environ, CACHE_VARIABLE: cache}
+                began = time.perf_counter()
+                said = subprocess.run(command, env=environment, capture_output=True, check=True)
+                seconds = time.perf_counter() - began
+                rows.append({"simulator": name, "what": what, "seconds": seconds, **json.loads(said.stdout)})
+    return rows
 
 
 def batches(task: Task, sizes: Sequence[int], mjx_limit: int, repeats: int, report: Report) -> list[Row]:
