@@ -65,6 +65,12 @@ def test_a_meaningless_sigma_is_refused(sigma):
         stochastic(quadratic, sigma)
 
 
+def test_a_traced_sigma_is_the_same_sigma():
+    for normalised in (False, True):
+        traced = jax.jit(lambda sigma, n=normalised: stochastic(quadratic, sigma, n)(KEY, AT)[1])(jnp.array(0.3))
+        np.testing.assert_allclose(traced, stochastic(quadratic, 0.3, normalised)(KEY, AT)[1], rtol=1e-14)
+
+
 def test_a_batch_of_exact_gradients_is_that_of_each():
     def objective(u):
         return jnp.sin(u[0]) * u[1] ** 2 + u[2]

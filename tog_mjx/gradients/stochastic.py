@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
-from tog_mjx.errors import InputError
 from tog_mjx.gradients.estimator import Estimator, Objective
+from tog_mjx.gradients.perturbation import Size, check_sigma
 
 
-def stochastic(objective: Objective, sigma: float, normalised: bool = False) -> Estimator:
+def stochastic(objective: Objective, sigma: Size, normalised: bool = False) -> Estimator:
     """[J(u + w) - J(u)] w with w ~ N(0, sigma^2 I).
 
     Its mean is sigma^2 times the gradient of J smoothed by w. That factor is part of the paper's rule and of its step
@@ -20,10 +20,9 @@ def stochastic(objective: Objective, sigma: float, normalised: bool = False) -> 
       normalised: divide by sigma^2, so that the mean is the smoothed gradient itself.
 
     Raises:
-      InputError: for a sigma that is not positive and finite.
+      InputError: for a sigma known not to be positive and finite.
     """
-    if not 0 < sigma < float("inf"):
-        raise InputError(f"sigma is {sigma}: the perturbation needs a positive standard deviation")
+    check_sigma(sigma)
     scale = 1 / sigma**2 if normalised else 1.0
 
     def estimate(key: Key[Array, ""], u: Float[Array, " n"]) -> tuple[Float[Array, ""], Float[Array, " n"]]:
