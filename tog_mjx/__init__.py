@@ -9,5 +9,6 @@ from tog_mjx.scene import Scene as Scene
 from tog_mjx.scene import load_scene as load_scene
 from tog_mjx.simulate import simulate as simulate
 from tog_mjx.simulators import make_simulator as make_simulator
+from tog_mjx.solve import solve as solve
 from tog_mjx.tasks import Task as Task
 from tog_mjx.tasks import get_task as get_task

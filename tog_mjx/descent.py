@@ -1,6 +1,7 @@
-"""Gradient descent with any estimator, and the record of a run.
+"""Gradient descent with any estimator and update rule, and the record of a run.
 
-The update is u <- u - alpha g: with the exact estimator the paper's equation 8, with the stochastic one its equation 9.
+The plain update is u <- u - alpha g: with the exact estimator the paper's equation 8, with the stochastic one its
+equation 9.
 The whole loop is one compiled function. It is called a few times a second, not once an iteration, so that a run can
 report how far it is.
 """
@@ -8,11 +9,12 @@ report how far it is.
 import enum
 import time
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optax
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from tog_mjx.errors import InputError
@@ -73,6 +75,7 @@ class _Loop(NamedTuple):
     iteration: Int[Array, ""]
     key: Key[Array, ""]
     u: Float[Array, " n"]
+    memory: Any
     costs: Float[Array, " N"]
     setpoints: Float[Array, "N n"]
     gradients: Float[Array, "N n"]
@@ -84,8 +87,9 @@ def descend(
     estimate: Estimator,
     u: Numbers,
     *,
-    step_size: float,
     iterations: int,
+    step_size: float | None = None,
+    rule: optax.GradientTransformation | None = None,
     key: Key[Array, ""] | None = None,
     tolerance: float | None = None,
     report: Callable[[int], None] | None = None,
@@ -95,7 +99,8 @@ def descend(
     Args:
       estimate: `(key, u) -> (cost, gradient)`, see `tog_mjx.gradients`.
       u: initial guess [n].
-      step_size: alpha, positive.
+      step_size: alpha of the plain update, positive.
+      rule: another update rule, of optax; give this or `step_size`.
       key: random key, split once an iteration; the default is `jax.random.key(0)`.
       tolerance: end as converged once an update is not longer than this (in the units of u). Only for estimators
         without noise; the default is never.
@@ -110,8 +115,11 @@ def descend(
     """
     if not (isinstance(iterations, int) and 0 <= iterations <= MAX_ITERATIONS):
         raise InputError(f"iterations is {iterations}: give a whole number from 0 to {MAX_ITERATIONS}")
-    if not 0 < step_size < float("inf"):
+    if (step_size is None) == (rule is None):
+        raise InputError("give either a step_size, for plain descent, or an update rule of optax")
+    if step_size is not None and not 0 < step_size < float("inf"):
         raise InputError(f"step_size is {step_size}: give a positive number")
+    rule = optax.sgd(step_size) if rule is None else rule
     if tolerance is not None and not tolerance >= 0:
         raise InputError(f"tolerance is {tolerance}: give 0 or more, or None")
     try:
@@ -125,6 +133,7 @@ def descend(
         iteration=jnp.array(0),
         key=jax.random.key(0) if key is None else key,
         u=u,
+        memory=rule.init(u),
         costs=jnp.zeros(records, u.dtype),
         setpoints=jnp.zeros((records, u.size), u.dtype),
         gradients=jnp.zeros((records, u.size), u.dtype),
@@ -132,7 +141,7 @@ def descend(
         failed=jnp.array(False),
     )
     started = time.perf_counter()
-    advance = _compile_advance(estimate, step_size, tolerance, loop)
+    advance = _compile_advance(estimate, rule, tolerance, loop)
     seconds_compile = time.perf_counter() - started
 
     started, chunk = time.perf_counter(), 1
@@ -147,7 +156,7 @@ def descend(
 
 
 def _compile_advance(
-    estimate: Estimator, step_size: float, tolerance: float | None, loop: _Loop
+    estimate: Estimator, rule: optax.GradientTransformation, tolerance: float | None, loop: _Loop
 ) -> Callable[[_Loop, Array], _Loop]:
     """The compiled function that evaluates and updates until iterate number `stop`, or until the run ends."""
 
@@ -157,14 +166,15 @@ def _compile_advance(
     def iterate(loop: _Loop) -> _Loop:
         key, subkey = jax.random.split(loop.key)
         cost, gradient = estimate(subkey, loop.u)
-        step = step_size * gradient
+        step, memory = rule.update(gradient, loop.memory, loop.u)
         failed = ~(jnp.isfinite(cost) & jnp.isfinite(gradient).all())
         converged = jnp.array(False) if tolerance is None else ~failed & (jnp.linalg.norm(step) <= tolerance)
         i = loop.iteration
         return _Loop(
             iteration=i + 1,
             key=key,
-            u=jnp.where(failed | converged, loop.u, loop.u - step),
+            u=jnp.where(failed | converged, loop.u, optax.apply_updates(loop.u, step)),
+            memory=memory,
             costs=loop.costs.at[i].set(cost),
             setpoints=loop.setpoints.at[i].set(loop.u),
             gradients=loop.gradients.at[i].set(gradient),

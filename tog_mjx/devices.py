@@ -10,7 +10,6 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
@@ -43,8 +42,8 @@ def compile_loops_whole() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_backend_extra_options={option}=1000000".strip()
 
 
-def over_devices(function: Callable) -> Callable[[np.ndarray], Any]:
-    """`function` of a batch, compiled, each device with its part: NumPy arrays to NumPy arrays (or pytrees of them).
+def over_devices(function: Callable) -> Callable[[Any], Any]:
+    """`function` of a batch, compiled, each device with its part: NumPy arrays to NumPy arrays, or pytrees of them.
 
     Arguments and results have the batch as their leading axis, and rows must not depend on each other. The length of
     the batch must be a multiple of `jax.device_count()`. With several processes, each must call it with the same batch,
@@ -56,12 +55,11 @@ def over_devices(function: Callable) -> Callable[[np.ndarray], Any]:
     parts = jax.shard_map(function, mesh=mesh, in_specs=split, out_specs=split, check_vma=False)
     run = jax.jit(parts)
 
-    def apply(batch: np.ndarray) -> Any:
-        batch = np.asarray(batch, jnp.zeros(0).dtype)
-        given = jax.make_array_from_callback(batch.shape, NamedSharding(mesh, split), batch.__getitem__)
-        return jax.tree.map(_gather, run(given))
+    def place(values: np.ndarray) -> jax.Array:
+        values = np.asarray(values, jax.dtypes.canonicalize_dtype(values.dtype))
+        return jax.make_array_from_callback(values.shape, NamedSharding(mesh, split), values.__getitem__)
 
-    return apply
+    return lambda batch: jax.tree.map(_gather, run(jax.tree.map(place, batch)))
 
 
 def agree(values: np.ndarray | None, shape: tuple[int, ...], dtype: Any) -> np.ndarray:

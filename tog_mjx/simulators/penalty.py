@@ -53,6 +53,7 @@ class PenaltySimulator:
 
     OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"friction": ("mujoco", "paper")}
     CHUNK: ClassVar[int] = 4096
+    GRADIENT_CHARGE: ClassVar[float] = 4.0
 
     physics: Physics
     friction: str = dataclasses.field(default="mujoco", metadata={"static": True})

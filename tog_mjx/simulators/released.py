@@ -49,6 +49,7 @@ class ReleasedSimulator:
 
     OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {}
     CHUNK: ClassVar[int] = 4096
+    GRADIENT_CHARGE: ClassVar[float] = 3.5
 
     physics: Physics
 

@@ -1,0 +1,61 @@
+"""Studies beyond the paper: which gradient, which update rule, from where, with statistics.
+
+Every finished part is kept, so that a killed study continues with --resume. Leaves, in a folder named after each study,
+table.csv (one row a run) and rates.csv (one row a method, with 95 % Wilson intervals).
+"""
+
+import io
+from pathlib import Path
+
+import pandas as pd
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from tog_mjx.console import ArgumentParser, Work, run_main
+from tog_mjx.storage import atomic_write, check_writable
+from tog_mjx.studies.catalogue import STUDIES
+from tog_mjx.studies.study import Store, rates, run
+
+
+def main() -> None:
+    args = parse_arguments()
+    console = Console(width=None if Console().is_terminal else 160, highlight=False)
+    check_writable(args.out / "table.csv")
+    store = Store(args.out / "cells", args.resume)
+    for name in args.names:
+        study, folder = STUDIES[name], args.out / (f"{name}_quick" if args.quick else name)
+        table = run(study, args.quick, store, Work(console).piece)
+        found = rates(study, table)
+        write_csv(folder / "table.csv", table)
+        write_csv(folder / "rates.csv", found)
+        console.print(printed(f"{name}: {study.question}", found))
+
+
+def parse_arguments():
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="+", choices=list(STUDIES), metavar="NAME", help=", ".join(STUDIES))
+    parser.add_argument("--quick", action="store_true", help="a small version, for a first look")
+    parser.add_argument("--out", type=Path, default=Path("results/studies"), metavar="DIR", help="default: %(default)s")
+    parser.add_argument("--resume", action="store_true", help="do not compute again what the folder holds")
+    return parser.parse_args()
+
+
+def write_csv(path: Path, table: pd.DataFrame) -> None:
+    text = io.StringIO()
+    table.to_csv(text, index=False)
+    with atomic_write(path) as file:
+        file.write(text.getvalue().encode())
+
+
+def printed(title: str, found: pd.DataFrame) -> Table:
+    table = Table(title=title, title_justify="left", box=box.MARKDOWN)
+    for column in found.columns:
+        table.add_column(column, justify="left" if found[column].dtype.kind in "OTU" else "right", no_wrap=True)
+    for row in found.itertuples(index=False):
+        table.add_row(*(f"{value:.3g}" if isinstance(value, float) else str(value) for value in row))
+    return table
+
+
+if __name__ == "__main__":
+    run_main(main)
