@@ -1,7 +1,7 @@
 """Studies beyond the paper: which gradient, which update rule, from where, with statistics.
 
 Every finished part is kept, so that a killed study continues with --resume. Leaves, in a folder named after each study,
-table.csv (one row a run) and rates.csv (one row a method, with 95 % Wilson intervals).
+table.csv (one row a run) and summary.csv (one row a method, with 95 % Wilson intervals).
 """
 
 import io
@@ -15,7 +15,7 @@ from rich.table import Table
 from tog_mjx.console import ArgumentParser, Work, run_main
 from tog_mjx.storage import atomic_write, check_writable
 from tog_mjx.studies.catalogue import STUDIES
-from tog_mjx.studies.study import Store, rates, run
+from tog_mjx.studies.study import Store
 
 
 def main() -> None:
@@ -25,10 +25,10 @@ def main() -> None:
     store = Store(args.out / "cells", args.resume)
     for name in args.names:
         study, folder = STUDIES[name], args.out / (f"{name}_quick" if args.quick else name)
-        table = run(study, args.quick, store, Work(console).piece)
-        found = rates(study, table)
+        table = study.run(args.quick, store, Work(console).piece)
+        found = study.summary(table)
         write_csv(folder / "table.csv", table)
-        write_csv(folder / "rates.csv", found)
+        write_csv(folder / "summary.csv", found)
         console.print(printed(f"{name}: {study.question}", found))
 
 

@@ -11,7 +11,7 @@ from tog_mjx.simulators import SIMULATORS
 from tog_mjx.solve import step_size
 from tog_mjx.studies.cell import Cell, updates_within
 from tog_mjx.studies.methods import METHODS
-from tog_mjx.studies.study import Study
+from tog_mjx.studies.study import Comparison, Study
 from tog_mjx.tasks import TASKS, get_task
 
 BUDGET = {"flip": 100, "grasp": 1000}
@@ -132,15 +132,19 @@ def dimension(quick: bool, known: pd.DataFrame) -> list[Cell]:
 _COMPARED = ("task", "simulator", "method")
 
 STUDIES: dict[str, Study] = {
-    "seeds": Study("Do Table I's two methods succeed by luck of the seed?", (seeds,), _COMPARED),
-    "fair_budget": Study(
+    "seeds": Comparison("Do Table I's two methods succeed by luck of the seed?", (seeds,), _COMPARED),
+    "fair_budget": Comparison(
         "At equal budgets, from guesses 3 cm off and with tuned settings: which method succeeds?",
         (tuning, fair_budget),
         (*_COMPARED, "step", "sigma"),
     ),
-    "initial_guess": Study("How far may the initial guess be off?", (tuning, initial_guess), (*_COMPARED, "noise")),
-    "symmetry": Study("Does knowing the grasp's symmetry help?", (tuning, symmetry), (*_COMPARED, "symmetric")),
-    "robustness": Study("Does what was found survive setpoint errors?", (tuning, robustness), (*_COMPARED, "error")),
-    "dimension": Study("And with more variables?", (tuning, dimension), (*_COMPARED, "knots")),
+    "initial_guess": Comparison(
+        "How far may the initial guess be off?", (tuning, initial_guess), (*_COMPARED, "noise")
+    ),
+    "symmetry": Comparison("Does knowing the grasp's symmetry help?", (tuning, symmetry), (*_COMPARED, "symmetric")),
+    "robustness": Comparison(
+        "Does what was found survive setpoint errors?", (tuning, robustness), (*_COMPARED, "error")
+    ),
+    "dimension": Comparison("And with more variables?", (tuning, dimension), (*_COMPARED, "knots")),
 }
 """By name, as `scripts/run_study.py` takes it."""

@@ -4,11 +4,12 @@ Each finished cell is a file, written atomically, so that a killed study continu
 """
 
 import contextlib
+import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -16,17 +17,6 @@ from scipy.stats import binomtest
 
 from tog_mjx.storage import DamagedFileError, load_result, save_result
 from tog_mjx.studies.cell import SUCCESS, Cell, Found, compute
-
-Stage = Callable[[bool, pd.DataFrame], list[Cell]]
-
-
-class Study(NamedTuple):
-    """A `question`, and the `stages` that answer it: each gives cells, from whether it is to be quick and the table of
-    the stages before. `groups` are the columns whose combinations are compared."""
-
-    question: str
-    stages: tuple[Stage, ...]
-    groups: tuple[str, ...]
 
 
 class Store:
@@ -55,6 +45,63 @@ class Store:
         return found
 
 
+class Study(Protocol):
+    """A `question`; the table of all its runs, one row each; and the rows that answer, one a group."""
+
+    question: str
+
+    def run(self, quick: bool, store: Store, piece: Callable) -> pd.DataFrame:
+        """`piece(name, total)` is a context that yields what reports progress."""
+
+    def summary(self, table: pd.DataFrame) -> pd.DataFrame: ...
+
+
+Stage = Callable[[bool, pd.DataFrame], list[Cell]]
+
+
+@dataclasses.dataclass(frozen=True)
+class Comparison:
+    """A study of descents. Each of the `stages` gives cells, from whether it is to be quick and from the table of the
+    stages before; `groups` are the columns whose combinations are compared. Implements `Study`."""
+
+    question: str
+    stages: tuple[Stage, ...]
+    groups: tuple[str, ...]
+
+    def run(self, quick: bool, store: Store, piece: Callable) -> pd.DataFrame:
+        tables: list[pd.DataFrame] = []
+        for stage, cells in enumerate(self.stages):
+            for cell in cells(quick, pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()):
+                name = f"{cell.task} {cell.simulator}, {cell.method}"
+                with piece(name + (f", {cell.knots} knots" if cell.knots > 1 else ""), cell.updates) as report:
+                    tables.append(rows(cell, store.finish(cell, report), stage))
+        return pd.concat(tables, ignore_index=True)
+
+    def summary(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Of the last stage: success of the best iterate with its Wilson interval (95 %), of the last one; medians."""
+        last = table[table.stage == table.stage.max()]
+        found = [
+            {**dict(zip(self.groups, group, strict=True)), **_outcome(members)}
+            for group, members in last.groupby(list(self.groups), sort=False)
+        ]
+        return pd.DataFrame(found).dropna(axis="columns", how="all")
+
+
+def _outcome(members: pd.DataFrame) -> dict[str, Any]:
+    interval = binomtest(int(members.succeeded.sum()), len(members)).proportion_ci(method="wilson")
+    return {
+        "members": len(members),
+        "success": members.succeeded.mean(),
+        "low": interval.low,
+        "high": interval.high,
+        "success, last": members.succeeded_last.mean(),
+        "J best": members.best.median(),
+        "J last": members["last"].median(),
+        "evaluations": members.evaluations.median(),
+        **{name: members[name].median() for name in members.columns if name.startswith("J ") and " at " in name},
+    }
+
+
 def rows(cell: Cell, found: Found, stage: int) -> pd.DataFrame:
     """One row a member: its settings, its costs, and what it took."""
     costs = np.where(np.isfinite(found.costs), found.costs, np.inf)
@@ -79,43 +126,3 @@ def rows(cell: Cell, found: Found, stage: int) -> pd.DataFrame:
         for quantile in (0.5, 0.9):
             table[f"J {quantile:.0%} at {1000 * error:g} mm"] = np.quantile(tried, quantile, axis=1)
     return table
-
-
-def run(study: Study, quick: bool, store: Store, piece: Callable) -> pd.DataFrame:
-    """The table of all stages, all members. `piece(name, total)` is a context that yields what reports progress."""
-    tables: list[pd.DataFrame] = []
-    for cell, stage in _cells(study, quick, tables):
-        name = f"{cell.task} {cell.simulator}, {cell.method}" + (f", {cell.knots} knots" if cell.knots > 1 else "")
-        with piece(name, cell.updates) as report:
-            tables.append(rows(cell, store.finish(cell, report), stage))
-    return pd.concat(tables, ignore_index=True)
-
-
-def _cells(study: Study, quick: bool, tables: list[pd.DataFrame]) -> Iterator[tuple[Cell, int]]:
-    for stage, cells in enumerate(study.stages):
-        known = pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
-        for cell in cells(quick, known):
-            yield cell, stage
-
-
-def rates(study: Study, table: pd.DataFrame) -> pd.DataFrame:
-    """By group, of the last stage: success of the best iterate with its Wilson interval (95 %), of the last; medians."""
-    found = []
-    last = table[table.stage == table.stage.max()]
-    for group, members in last.groupby(list(study.groups), sort=False):
-        interval = binomtest(int(members.succeeded.sum()), len(members)).proportion_ci(method="wilson")
-        found.append(
-            {
-                **dict(zip(study.groups, group, strict=True)),
-                "members": len(members),
-                "success": members.succeeded.mean(),
-                "low": interval.low,
-                "high": interval.high,
-                "success, last": members.succeeded_last.mean(),
-                "J best": members.best.median(),
-                "J last": members["last"].median(),
-                "evaluations": members.evaluations.median(),
-                **{name: members[name].median() for name in last.columns if name.startswith("J ") and " at " in name},
-            }
-        )
-    return pd.DataFrame(found).dropna(axis="columns", how="all")
