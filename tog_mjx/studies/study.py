@@ -46,9 +46,10 @@ class Store:
 
 
 class Study(Protocol):
-    """A `question`; the table of all its runs, one row each; and the rows that answer, one a group."""
+    """A question; the table of all its runs, one row each; and the rows that answer, one a group."""
 
-    question: str
+    @property
+    def question(self) -> str: ...
 
     def run(self, quick: bool, store: Store, piece: Callable) -> pd.DataFrame:
         """`piece(name, total)` is a context that yields what reports progress."""
