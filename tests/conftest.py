@@ -6,6 +6,7 @@ physical parameter does not compile again, and always the same number of setpoin
 
 import contextlib
 import io
+import os
 import runpy
 import sys
 from collections.abc import Callable
@@ -28,6 +29,10 @@ from tog_mjx.tasks import Task, get_task
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 1)  # Whichever script a test starts first.
 enable_compilation_cache()
+# XLA's older code generator for fused operations compiles a step of MJX in half the time, and runs it as fast.
+_FUSIONS = "--xla_cpu_use_fusion_emitters"
+if _FUSIONS not in os.environ.get("XLA_FLAGS", ""):
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_FUSIONS}=false".strip()
 compile_loops_whole()  # As scripts do.
 # The first example of a test compiles; a machine's speed is no property of the code.
 settings.register_profile("tog_mjx", deadline=None, derandomize=True)

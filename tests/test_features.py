@@ -13,7 +13,7 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx._mjx import mjx
-from tog_mjx.step_check import TOLERANCE, Verdict, column_errors, judge, reference, step_function
+from tog_mjx.step_check import TOLERANCE, Verdict, column_errors, compile_quickly, judge, reference, step_function
 
 SCENES = sorted((Path(__file__).parent / "scenes").glob("*.xml"))
 UNSAFE_POWER = {"geom_solimp", "geom_solmix", "eq_solimp", "jnt_solimp", "tendon_solimp_lim", "pair_solimp"}
@@ -33,7 +33,7 @@ def test_the_value_is_mjxs_and_the_derivative_is_that_of_differences(name):
     random = np.random.default_rng(0).normal(size=function.x.size) * ~is_unsafe
     directions = jnp.array([random, *np.eye(function.x.size)[is_unsafe]])
 
-    @jax.jit
+    @compile_quickly
     def differentiate(x, directions):
         def after(x):
             return function.after(tog.step, x)
@@ -56,7 +56,7 @@ def test_the_value_is_mjxs_and_the_derivative_is_that_of_differences(name):
 def test_in_single_precision_the_value_is_mjxs(name):
     with jax.enable_x64(False):
         function = step_function(load(name))
-        ours, theirs = (jax.jit(lambda x, s=s: function.after(s, x))(function.x) for s in (tog.step, mjx.step))
+        ours, theirs = (compile_quickly(lambda x, s=s: function.after(s, x))(function.x) for s in (tog.step, mjx.step))
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-6)
 
 

@@ -101,13 +101,13 @@ def reference(function: StepFunction) -> tuple[np.ndarray, np.ndarray]:
 
     Columns are NaN in which the state is at a kink: the differences to either side disagree, and neither is right.
     """
-    values = jax.jit(jax.vmap(functools.partial(function.after, mjx.step)))
+    values = compile_quickly(jax.vmap(functools.partial(function.after, mjx.step)))
     # Each column has a step of its own: a problem in one number, of which two points are asked for at a time.
     directions = np.repeat(np.eye(function.x.size), 2, axis=0)
     columns = central_differences(
         lambda t: values(function.x + t * directions), np.zeros((function.x.size, 1)), _STEPS, order=4
     )
-    jacobian, value = columns.jacobian[:, :, 0].T, np.asarray(values(function.x[None])[0])
+    jacobian, value = columns.jacobian[:, :, 0].T, np.asarray(values(function.x + 0 * directions)[0])
 
     def bend(h: float) -> np.ndarray:
         """The slope ahead minus the slope behind, of each column: it shrinks with h, but for a kink."""
@@ -147,7 +147,9 @@ def judge(model: mujoco.MjModel, method: str, expected: Float[np.ndarray, "m n"]
     differentiation, jacobian, iterations = _METHODS[method]
     function = step_function(model, iterations)
     try:
-        found = np.asarray(jax.jit(jacobian(functools.partial(function.after, STEPS[differentiation])))(function.x))
+        found = np.asarray(
+            compile_quickly(jacobian(functools.partial(function.after, STEPS[differentiation])))(function.x)
+        )
     except ValueError as refusal:  # What JAX raises of a loop of unknown length.
         if "Reverse-mode differentiation does not work" not in str(refusal):
             raise
@@ -160,6 +162,12 @@ def judge(model: mujoco.MjModel, method: str, expected: Float[np.ndarray, "m n"]
     kinks = tuple(name for name, known in zip(function.names, is_known, strict=True) if not known)
     error = float(column_errors(found, expected)[is_finite & is_known].max())
     return Verdict("right" if error <= TOLERANCE else "wrong", error, nan, kinks)
+
+
+def compile_quickly(function: Callable) -> Callable:
+    """`jax.jit` of what runs only a few times: without LLVM's optimisation, which takes longer than it ever saves."""
+    is_cpu = jax.default_backend() == "cpu"  # Elsewhere it is another compiler's.
+    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 0} if is_cpu else None)
 
 
 def column_errors(found: Float[np.ndarray, "m n"], expected: Float[np.ndarray, "m n"]) -> Float[np.ndarray, " n"]:
