@@ -25,7 +25,7 @@ from tog_mjx.types import Numbers, Scalar
 
 def solve(
     task: str | Task,
-    budget: float = 1000,
+    budget: int | float = 1000,
     simulator: str = "mjx",
     guess: Numbers | None = None,
     report: Callable[[int], None] | None = None,

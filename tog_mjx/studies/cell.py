@@ -69,7 +69,7 @@ class Cell:
         """Evaluation equivalents of one update."""
         draws = _DRAWS if self.error else 1
         variables = len(_variables(self, get_task(self.task, knots=self.knots)))
-        return draws * METHODS[self.method].charge(variables, SIMULATORS[self.simulator].GRADIENT_CHARGE)
+        return float(draws * METHODS[self.method].charge(variables, SIMULATORS[self.simulator].GRADIENT_CHARGE))
 
     def settings(self) -> dict[str, Any]:
         """All that the result depends on."""
@@ -77,7 +77,7 @@ class Cell:
         return {**dataclasses.asdict(self), **digests}
 
 
-def updates_within(budget: float, cell: Cell) -> Cell:
+def updates_within(budget: int | float, cell: Cell) -> Cell:
     """The same cell with as many updates as the budget of evaluation equivalents pays for."""
     return dataclasses.replace(cell, updates=max(1, int(budget / cell.charge)))
 

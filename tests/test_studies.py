@@ -1,0 +1,170 @@
+"""Studies: cells are the descents they claim to be, tables hold known facts, and nothing is lost by a kill."""
+
+import contextlib
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tog_mjx.comparison import Run
+from tog_mjx.comparison import compute as compute_run
+from tog_mjx.rollout import objective
+from tog_mjx.studies.catalogue import candidates, chosen
+from tog_mjx.studies.cell import Cell, compute, updates_within
+from tog_mjx.studies.methods import METHODS
+from tog_mjx.studies.study import Comparison, Store
+from tog_mjx.tasks import get_task
+
+SCRIPT = Path(__file__).parent.parent / "scripts" / "run_study.py"
+
+
+@pytest.fixture(scope="module")
+def table_1() -> Cell:
+    return Cell("flip", "penalty", "exact, plain", 6, seeds=(3, 4), noises=(0.0, 0.01), steps=(0.1,))
+
+
+def test_a_cell_is_the_descent_of_the_comparison(table_1):
+    found = compute(table_1)
+    descent = compute_run(Run("penalty", "flip", "exact"))
+    for member in (0, 2):
+        np.testing.assert_allclose(found.costs[member], descent.costs, rtol=1e-9)
+        np.testing.assert_allclose(found.best[member], descent.setpoints_best, rtol=1e-9)
+        np.testing.assert_allclose(found.last[member], descent.setpoints_last, rtol=1e-9)
+
+
+def test_equal_seeds_have_equal_guesses_whatever_the_method(table_1):
+    other = Cell("flip", "penalty", "stochastic, plain", 1, (3, 4), (0.0, 0.01), (0.1,), (0.5,))
+    first, same = compute(table_1).first, compute(other).first
+    np.testing.assert_array_equal(first, same)
+    np.testing.assert_array_equal(first[[0, 2]], np.tile(get_task("flip").initial_guess, (2, 1)))
+    assert np.abs(first[1] - first[3]).min() > 1e-4
+    assert np.abs(first - first[0]).max() < 0.05
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_lowers_the_cost_and_remembers_the_best(method):
+    grid = candidates("flip", method)
+    cell = Cell("flip", "penalty", method, 12, (0, 1), steps=grid.steps[1:2] or grid.steps, sigmas=grid.sigmas[-1:])
+    found = compute(cell)
+    cost = objective("flip", "penalty")
+    assert (found.costs.min(axis=1) < found.costs[:, 0]).all()
+    for best, costs in zip(found.best, found.costs, strict=True):
+        np.testing.assert_allclose(cost(best), costs.min(), rtol=1e-9)
+
+
+def test_a_budget_buys_updates_by_what_they_use():
+    def updates(method: str, name: str = "grasp", **more) -> int:
+        return updates_within(1000, Cell(name, "penalty", method, 1, **more)).updates
+
+    assert updates("exact, plain") == 250
+    assert updates("stochastic, plain") == 500
+    assert updates("differences, adam") == math.floor(1000 / 9)
+    assert updates("differences, adam", symmetric=True) == 200
+    assert updates("differences, adam", knots=8) == math.floor(1000 / 65)
+    assert updates("exact, plain", error=0.01) == math.floor(1000 / 32)
+    assert updates("CMA-ES") == 125
+
+
+def test_restricted_setpoints_are_mirror_images():
+    cell = Cell("grasp", "penalty", "exact, plain", 3, (0, 1), (0.02,), (0.5,), knots=2, symmetric=True)
+    for found in compute(cell)[1:4]:
+        left, right = np.moveaxis(found.reshape(2, 2, 2, 2), 2, 0)
+        np.testing.assert_array_equal(right, left * [-1, 1])
+
+
+def test_setpoint_errors_are_tried_on_the_best():
+    cell = Cell("flip", "penalty", "exact, plain", 3, steps=(0.1,), tested=(0.0, 1e-6, 0.1))
+    found = compute(cell)
+    assert found.tried.shape == (1, 3, 256)
+    np.testing.assert_allclose(found.tried[0, 0], found.costs.min(), rtol=1e-9)
+    assert 0 < np.ptp(found.tried[0, 1]) < np.ptp(found.tried[0, 2])
+
+
+def test_tuning_takes_most_successes_then_the_least_cost():
+    known = pd.DataFrame(
+        [("flip", "a", 0, step, sigma, won, best) for step, sigma, won, best in
+         [(1.0, 0.1, True, 0.09), (1.0, 0.1, False, 0.5), (2.0, 0.1, True, 0.08), (2.0, 0.1, True, 0.07),
+          (2.0, 0.3, True, 0.01), (2.0, 0.3, True, 0.02)]],
+        columns=["task", "method", "stage", "step", "sigma", "succeeded", "best"],
+    )  # fmt: skip
+    assert chosen(known, "flip", "a") == ((2.0,), (0.3,))
+
+
+def test_a_summary_counts_with_wilson_intervals(tmp_path):
+    cell = Cell("flip", "penalty", "exact, plain", 25, tuple(range(8)), steps=(0.02,))
+    study = Comparison("?", (lambda quick, known: [cell] * (quick or known.empty),), ("task",))
+    silent = contextlib.nullcontext(lambda _: None)
+    table = study.run(True, Store(tmp_path, resume=False), lambda *_: silent)
+    (row,) = study.summary(table).to_dict("records")
+    assert (row["members"], row["success"], row["high"]) == (8, 1.0, 1.0)
+    z = 1.959963984540054
+    assert row["low"] == pytest.approx(8 / (8 + z**2), rel=1e-12)
+    assert row["evaluations"] == 4 * (1 + (compute(cell).costs[0] <= 0.1).argmax())
+
+
+def test_a_damaged_cell_is_computed_again_and_a_whole_one_is_not(tmp_path, table_1):
+    before = Store(tmp_path, resume=False)
+    found, path = before.finish(table_1), before.path(table_1)
+    made = path.stat().st_mtime_ns
+    np.testing.assert_array_equal(Store(tmp_path, resume=True).finish(table_1).costs, found.costs)
+    assert path.stat().st_mtime_ns == made
+    damaged = bytearray(path.read_bytes())
+    damaged[len(damaged) // 2] ^= 0xFF
+    path.write_bytes(damaged)
+    np.testing.assert_array_equal(Store(tmp_path, resume=True).finish(table_1).costs, found.costs)
+    assert path.stat().st_mtime_ns != made
+    assert path.read_bytes() != bytes(damaged)
+
+
+def test_quick_seeds_show_what_the_paper_says(run_script, tmp_path):
+    status, said, _ = run_script("run_study.py", "seeds", "--quick", "--out", tmp_path)
+    assert status == 0
+    assert "Do Table I's two methods succeed" in said
+    summary = pd.read_csv(tmp_path / "seeds_quick" / "summary.csv").set_index(["task", "simulator", "method"])
+    for simulator in ("released", "penalty"):
+        assert summary.success["grasp", simulator, "exact, plain"] == 1
+        assert summary.success["grasp", simulator, "stochastic, plain"] == 0
+    assert summary["success, last"]["grasp", "penalty", "exact, plain"] == 0  # Thrown out of the basin again.
+    assert summary.success["flip", "penalty", "exact, plain"] == 0  # 0.150 after Table I's five iterations.
+    table = pd.read_csv(tmp_path / "seeds_quick" / "table.csv")
+    assert len(table) == 4 * (1 + 8)
+    assert (table.best <= table["first"]).all()
+
+
+def test_a_killed_study_continues_to_the_same_table(tmp_path):
+    def start(out: str) -> subprocess.Popen:
+        command = [sys.executable, str(SCRIPT), "seeds", "--quick", "--resume", "--out", str(tmp_path / out)]
+        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.STDOUT)
+
+    assert start("whole").wait() == 0
+    table = (tmp_path / "whole" / "seeds_quick" / "table.csv").read_bytes()
+    moments = np.random.default_rng(5)
+    for cells in sorted(moments.choice(np.arange(1, 7), 3, replace=False)):
+        program = start("killed")
+        while len(list((tmp_path / "killed" / "cells").glob("*.npz"))) < cells and program.poll() is None:
+            time.sleep(0.02)
+        time.sleep(moments.uniform(0, 0.3))
+        assert program.poll() is None, "it ended before it was killed"
+        os.kill(program.pid, signal.SIGKILL)
+        program.wait()
+        assert not (tmp_path / "killed" / "seeds_quick").exists()
+    assert start("killed").wait() == 0
+    assert (tmp_path / "killed" / "seeds_quick" / "table.csv").read_bytes() == table
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [(["luck"], "invalid choice: 'luck'"), (["seeds", "--out", "/dev/null/x"], "cannot be written")],
+)
+def test_bad_input_is_one_line_and_status_2(run_script, arguments, message):
+    status, said, complaint = run_script("run_study.py", *arguments)
+    assert (status, said) == (2, "")
+    assert message in complaint
+    assert complaint.count("\n") == 1
