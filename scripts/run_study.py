@@ -1,7 +1,8 @@
 """Studies beyond the paper: which gradient, which update rule, from where, with statistics.
 
-Every finished part is kept, so that a killed study continues with --resume. Leaves, in a folder named after each study,
-table.csv (one row a run) and summary.csv (one row a method, with 95 % Wilson intervals).
+Every finished cell is kept, so that a killed study continues with --resume. Leaves, in a folder named after each study,
+table.csv (one row a run, or a point of one), summary.csv (one row a group, with 95 % Wilson intervals of success) and,
+of a study that has one, its figure.
 """
 
 import io
@@ -13,9 +14,10 @@ from rich.console import Console
 from rich.table import Table
 
 from tog_mjx.console import ArgumentParser, Work, run_main
+from tog_mjx.figures.style import save_figure
 from tog_mjx.storage import atomic_write, check_writable
 from tog_mjx.studies.catalogue import STUDIES
-from tog_mjx.studies.study import Store
+from tog_mjx.studies.study import Drawn, Store
 
 
 def main() -> None:
@@ -29,6 +31,8 @@ def main() -> None:
         found = study.summary(table)
         write_csv(folder / "table.csv", table)
         write_csv(folder / "summary.csv", found)
+        if isinstance(study, Drawn):
+            save_figure(study.draw(table), folder / f"{name}.png")
         console.print(printed(f"{name}: {study.question}", found))
 
 

@@ -9,10 +9,11 @@ import hashlib
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 from tog_mjx.storage import DamagedFileError, load_result, save_result
@@ -55,6 +56,13 @@ class Study(Protocol):
         """`piece(name, total)` is a context that yields what reports progress."""
 
     def summary(self, table: pd.DataFrame) -> pd.DataFrame: ...
+
+
+@runtime_checkable
+class Drawn(Protocol):
+    """A study that has a figure too."""
+
+    def draw(self, table: pd.DataFrame) -> Figure: ...
 
 
 Stage = Callable[[bool, pd.DataFrame], list[Cell]]
