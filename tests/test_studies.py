@@ -15,6 +15,7 @@ import pytest
 
 from tog_mjx.comparison import Run
 from tog_mjx.comparison import compute as compute_run
+from tog_mjx.figures.profiles import draw_profiles
 from tog_mjx.rollout import objective
 from tog_mjx.studies.catalogue import candidates, chosen
 from tog_mjx.studies.cell import Cell, compute, updates_within
@@ -136,6 +137,15 @@ def test_quick_seeds_show_what_the_paper_says(run_script, tmp_path):
     table = pd.read_csv(tmp_path / "seeds_quick" / "table.csv")
     assert len(table) == 4 * (1 + 8)
     assert (table.best <= table["first"]).all()
+
+
+def test_a_profile_rises_where_runs_succeeded():
+    runs = pd.DataFrame({"task": "flip", "simulator": "penalty", "method": list("aaab"), "updates": 10, "charge": 4.0})
+    runs["evaluations"] = [8.0, np.nan, 20.0, np.nan]
+    (axes,) = draw_profiles(runs).axes
+    rising, flat = axes.get_lines()
+    assert rising.get_xydata().tolist() == [[0, 0], [8, 1 / 3], [20, 2 / 3], [40, 2 / 3]]
+    assert set(flat.get_ydata()) == {0}
 
 
 def test_a_killed_study_continues_to_the_same_table(tmp_path):

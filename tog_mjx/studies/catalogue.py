@@ -7,11 +7,12 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
+from tog_mjx.figures.profiles import draw_profiles
 from tog_mjx.simulators import SIMULATORS
 from tog_mjx.solve import step_size
 from tog_mjx.studies.cell import Cell, updates_within
 from tog_mjx.studies.methods import METHODS
-from tog_mjx.studies.study import Comparison, Study
+from tog_mjx.studies.study import Comparison, DrawnComparison, Study
 from tog_mjx.tasks import TASKS, get_task
 
 BUDGET = {"flip": 100, "grasp": 1000}
@@ -133,10 +134,11 @@ _COMPARED = ("task", "simulator", "method")
 
 STUDIES: dict[str, Study] = {
     "seeds": Comparison("Do Table I's two methods succeed by luck of the seed?", (seeds,), _COMPARED),
-    "fair_budget": Comparison(
+    "fair_budget": DrawnComparison(
         "At equal budgets, from guesses 3 cm off and with tuned settings: which method succeeds?",
         (tuning, fair_budget),
         (*_COMPARED, "step", "sigma"),
+        draw_profiles,
     ),
     "initial_guess": Comparison(
         "How far may the initial guess be off?", (tuning, initial_guess), (*_COMPARED, "noise")

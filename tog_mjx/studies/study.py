@@ -96,6 +96,16 @@ class Comparison:
         return pd.DataFrame(found).dropna(axis="columns", how="all")
 
 
+@dataclasses.dataclass(frozen=True)
+class DrawnComparison(Comparison):
+    """With a `picture` of the last stage's runs. Implements `Drawn`."""
+
+    picture: Callable[[pd.DataFrame], Figure]
+
+    def draw(self, table: pd.DataFrame) -> Figure:
+        return self.picture(table[table.stage == table.stage.max()])
+
+
 def _outcome(members: pd.DataFrame) -> dict[str, Any]:
     interval = binomtest(int(members.succeeded.sum()), len(members)).proportion_ci(method="wilson")
     return {
