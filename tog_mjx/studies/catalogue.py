@@ -9,6 +9,7 @@ import pandas as pd
 
 from tog_mjx.simulators import SIMULATORS
 from tog_mjx.solve import step_size
+from tog_mjx.studies.asymmetry import Asymmetry
 from tog_mjx.studies.cell import Cell, updates_within
 from tog_mjx.studies.methods import METHODS
 from tog_mjx.studies.study import Comparison, Study
@@ -146,5 +147,6 @@ STUDIES: dict[str, Study] = {
         "Does what was found survive setpoint errors?", (tuning, robustness), (*_COMPARED, "error")
     ),
     "dimension": Comparison("And with more variables?", (tuning, dimension), (*_COMPARED, "knots")),
+    "asymmetry": Asymmetry(),
 }
 """By name, as `scripts/run_study.py` takes it."""
