@@ -13,6 +13,7 @@ from tog_mjx.studies.asymmetry import Asymmetry
 from tog_mjx.studies.cell import Cell, updates_within
 from tog_mjx.studies.methods import METHODS
 from tog_mjx.studies.study import Comparison, Study
+from tog_mjx.studies.why import Why
 from tog_mjx.tasks import TASKS, get_task
 
 BUDGET = {"flip": 100, "grasp": 1000}
@@ -148,5 +149,6 @@ STUDIES: dict[str, Study] = {
     ),
     "dimension": Comparison("And with more variables?", (tuning, dimension), (*_COMPARED, "knots")),
     "asymmetry": Asymmetry(),
+    "why": Why(),
 }
 """By name, as `scripts/run_study.py` takes it."""
