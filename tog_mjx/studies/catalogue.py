@@ -10,9 +10,11 @@ import pandas as pd
 from tog_mjx.figures.profiles import draw_profiles
 from tog_mjx.simulators import SIMULATORS
 from tog_mjx.solve import step_size
+from tog_mjx.studies.asymmetry import Asymmetry
 from tog_mjx.studies.cell import Cell, updates_within
 from tog_mjx.studies.methods import METHODS
 from tog_mjx.studies.study import Comparison, DrawnComparison, Study
+from tog_mjx.studies.why import Why
 from tog_mjx.tasks import TASKS, get_task
 
 BUDGET = {"flip": 100, "grasp": 1000}
@@ -148,5 +150,7 @@ STUDIES: dict[str, Study] = {
         "Does what was found survive setpoint errors?", (tuning, robustness), (*_COMPARED, "error")
     ),
     "dimension": Comparison("And with more variables?", (tuning, dimension), (*_COMPARED, "knots")),
+    "asymmetry": Asymmetry(),
+    "why": Why(),
 }
 """By name, as `scripts/run_study.py` takes it."""

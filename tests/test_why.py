@@ -1,0 +1,111 @@
+"""Statistics of J about a point against closed forms, and what they say of a quadratic and of the tasks."""
+
+import contextlib
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from tog_mjx.studies import local
+from tog_mjx.studies.study import Drawn, Store
+from tog_mjx.studies.why import STATISTICS, Why, measure, most_predictive
+
+SLOPE = np.array([3.0, -4.0, 1.0])
+
+
+def samples(number: int, n: int = 3) -> np.ndarray:
+    return np.random.default_rng(1).normal(size=(number, n))
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 100.0])
+@pytest.mark.parametrize("sigma", [0.01, 0.5])
+def test_zeroth_order_of_a_linear_function(scale, sigma):
+    """mean g and trace (n + 1) |g|^2: a ratio of 1 / sqrt(n + 1), here of 1/2, within the noise of 1e5 samples."""
+    normals = samples(100_000)
+    terms = local.zeroth_terms(sigma * normals @ (scale * SLOPE), normals, sigma)
+    assert local.signal_to_noise(terms) == pytest.approx(0.5, abs=0.01)
+
+
+def test_signal_to_noise_at_its_edges():
+    assert local.signal_to_noise(np.tile(SLOPE, (5, 1))) == np.inf
+    assert local.signal_to_noise(np.zeros((5, 3))) == 0
+    assert local.signal_to_noise(samples(100_000)) < 0.01  # Nothing but noise.
+    assert local.signal_to_noise(samples(100_000) + SLOPE) == pytest.approx((26 / 3) ** 0.5, rel=0.01)
+
+
+def test_noise_of_a_mean():
+    assert local.noise_of_mean(samples(10_000) + SLOPE) == pytest.approx((3 / 26) ** 0.5 / 100, rel=0.03)
+    assert local.noise_of_mean(np.tile(SLOPE, (5, 1))) == 0
+    assert local.noise_of_mean(np.zeros((5, 3))) == 0
+
+
+def test_cosine_and_relative_error():
+    assert local.cosine(SLOPE, -2 * SLOPE) == pytest.approx(-1)
+    assert local.cosine(SLOPE, 0 * SLOPE) == 0
+    assert local.relative_error(1.5 * SLOPE, SLOPE) == pytest.approx(0.5)
+    assert local.relative_error(SLOPE, 0 * SLOPE) == np.inf
+    assert local.relative_error(0 * SLOPE, 0 * SLOPE) == 0
+
+
+def test_flat_rough_and_steep():
+    normals = samples(64)
+    linear = 2 + normals @ SLOPE
+    assert local.roughness(linear, normals) == pytest.approx(0, abs=1e-12)
+    assert local.roughness(np.ones(64), normals) == 0
+    many = samples(100_000)
+    assert local.roughness(many[:, 0] ** 2, many) == pytest.approx(1, abs=0.01)  # An even function has no slope.
+    assert local.flatness(np.array([1.0, 1.1, 0.95, 2.0]), 1.0, 0.2) == 0.75
+    assert local.steepness(np.outer([1.0, 2.0, 10.0], SLOPE)) == pytest.approx(5)
+    assert local.steepness(np.outer([0.0, 0.0, 1.0], SLOPE)) == np.inf
+    assert local.steepness(np.zeros((3, 3))) == 1
+
+
+def test_a_step_has_its_length_or_none():
+    ways = np.array([SLOPE, 0 * SLOPE, np.nan * SLOPE])
+    found = local.stepped(np.ones(3), ways, 0.01)
+    np.testing.assert_allclose(found - 1, [-0.01 * SLOPE / 26**0.5, np.zeros(3), np.zeros(3)], rtol=1e-12)
+
+
+def test_a_tie_counts_half():
+    assert local.beaten(1.0, np.array([0.0, 1.0, 2.0, 0.5])) == 0.625
+
+
+def test_a_quadratic_is_measured():
+    """Smooth: all orders agree, and the exact gradient beats zeroth order, whose directions are off."""
+    rows = measure(lambda u: jnp.sum(u**2), np.array([[1.0, 2.0], [-3.0, 1.0]]), (0.01, 0.1), 3, 4096, lambda _: None)
+    assert [row["sigma"] for row in rows] == [0.01, 0.1, 0.01, 0.1]
+    for row, size in zip(rows, (5, 5, 10, 10), strict=True):
+        length = size**0.5
+        assert row["J"] == pytest.approx(size)
+        assert row["gradient"] == pytest.approx(2 * length)
+        assert row["snr0"] == pytest.approx(3**-0.5, abs=0.3)  # Of 64 samples.
+        assert row["cosine"] == pytest.approx(1, abs=0.01)
+        assert row["bias"] < 5 * row["smooth noise"] < 0.2
+        assert row["gain, exact"] == pytest.approx(2 * 0.01 * length - 1e-4)
+        assert row["gain, exact, 1 mm"] == pytest.approx(2 * 0.001 * length - 1e-6)
+        assert row["exact wins"] > 0.95
+        assert row["flatness"] < 0.1
+        assert row["roughness"] < 0.02
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    store = Store(tmp_path_factory.mktemp("why"), False)
+    return Why().run(True, store, lambda *_: contextlib.nullcontext(lambda _: None))
+
+
+def test_the_exact_gradient_wins_more_often_than_not(table):
+    found = Why().summary(table).set_index(["task", "descent", "sigma"])
+    assert found.loc[("both", "all", 0.01), "iterates"] == 30
+    assert found.loc[("both", "all", 0.01), "exact wins"] > 0.6
+    # On a descent that follows it by short steps it is no longer the one that gains.
+    assert found.loc[("grasp", "solve", 0.01), "exact wins"] < found.loc[("grasp", "exact", 0.01), "exact wins"]
+
+
+def test_the_figure_shows_every_row(table):
+    study = Why()
+    assert isinstance(study, Drawn)
+    assert most_predictive(table) in STATISTICS
+    figure = study.draw(table)
+    drawn = sum(np.shape(points.get_offsets())[0] for axes in figure.axes for points in axes.collections)
+    assert drawn == len(table)

@@ -1,0 +1,186 @@
+"""Why one gradient wins: the state of J and of the estimates at iterates of descents, against what a step then gains.
+
+At each iterate u, for each sigma, 64 samples w ~ N(0, sigma^2 I) give the statistics; the gradient of the smoothed
+J_sigma(u) = E J(u + w) is the antithetic zeroth-order mean over many more, which is unbiased also where J jumps. Then a
+step of 1 cm is tried against each direction, and one of 1 mm. Zeroth order at equal cost has as many evaluations as one
+gradient counts for, J(u) included; it is drawn 64 times, and `exact wins` is the share of draws that gain less than the
+exact gradient.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from matplotlib.figure import Figure
+from scipy.stats import spearmanr
+
+from tog_mjx.batches import map_points
+from tog_mjx.comparison import Run, compute
+from tog_mjx.figures.why import draw_why
+from tog_mjx.gradients import Objective, exact_batch
+from tog_mjx.rollout import objective
+from tog_mjx.simulators import SIMULATORS, precision
+from tog_mjx.solve import solve
+from tog_mjx.studies import local
+from tog_mjx.studies.study import Store
+from tog_mjx.tasks import TASKS, get_task
+
+NEAR = 0.01
+"""The smaller sigma, that of the local statistics, and the length of the step, in m."""
+SHORT = NEAR / 10
+"""Another length, in m."""
+DRAWS, AVERAGED = 64, 8
+LEVEL = 1e-4
+"""Changes of J below it count as none."""
+BUDGET = {"flip": 100.0, "grasp": 1000.0}
+"""Evaluation equivalents of `solve`."""
+STATISTICS = ("gradient", "snr0", "snr1", "cosine", "bias", "bias1", "flatness", "roughness", "steepness")
+"""Norm of the exact gradient; signal-to-noise ratios of one term of zeroth and first order; cosine of the exact and the
+smoothed gradient; error of the exact gradient and of the mean of first order, relative to the smoothed one; and J
+within 1 cm, see `local`."""
+
+
+def measure(
+    J: Objective,
+    iterates: Float[np.ndarray, "K n"],
+    sigmas: tuple[float, ...],
+    equal: int,
+    pairs: int,
+    report: Callable,
+) -> list[dict[str, Any]]:
+    """One row an iterate and sigma; the first sigma is that of the local statistics. `equal` samples are as dear as an
+    exact gradient, and `pairs` (at least 64 * equal) give the smoothed gradient."""
+    (K, n), S = iterates.shape, len(sigmas)
+    normals = np.random.default_rng(0).normal(size=(K, S, pairs, n))
+    shifts = np.array(sigmas)[:, None, None] * normals
+    centre, chunk = iterates[:, None, None], SIMULATORS["penalty"].CHUNK
+    steep = np.concatenate([centre, (centre + shifts[:, :, :DRAWS]).reshape(K, 1, -1, n)], axis=2)
+    costs, slopes = map_points(exact_batch(J), steep.reshape(-1, n), chunk=chunk)
+    costs, slopes = costs.reshape(K, -1), slopes.reshape(K, -1, n)
+    both = np.stack([centre + shifts, centre - shifts], axis=2)
+    around = map_points(jax.vmap(J), both.reshape(-1, n), report, chunk).reshape(K, S, 2, -1)
+    ahead, behind = around[:, :, 0], around[:, :, 1]
+    found, targets = [], []
+    for k, s in np.ndindex(K, S):
+        some, w, sigma = slice(1 + s * DRAWS, 1 + (s + 1) * DRAWS), normals[k, s], sigmas[s]
+        terms = local.zeroth_terms(ahead[k, s] - costs[k, 0], w, sigma)
+        symmetric = local.zeroth_terms((ahead[k, s] - behind[k, s]) / 2, w, sigma)
+        smooth, first = symmetric.mean(0), slopes[k, some].mean(0)
+        near = slice(1, 1 + DRAWS)
+        found.append(
+            {
+                "sigma": sigma,
+                "J": costs[k, 0],
+                "gradient": float(np.linalg.norm(slopes[k, 0])),
+                "snr0": local.signal_to_noise(terms[:DRAWS]),
+                "snr1": local.signal_to_noise(slopes[k, some]),
+                "cosine": local.cosine(slopes[k, 0], smooth),
+                "bias": local.relative_error(slopes[k, 0], smooth),
+                "bias1": local.relative_error(first, smooth),
+                "smooth noise": local.noise_of_mean(symmetric),
+                "flatness": local.flatness(costs[k, near], costs[k, 0], LEVEL),
+                "roughness": local.roughness(costs[k, near], normals[k, 0, :DRAWS]),
+                "steepness": local.steepness(slopes[k, near]),
+            }
+        )
+        rivals = terms[: DRAWS * equal].reshape(DRAWS, equal, n).mean(1)
+        ways = np.concatenate([[slopes[k, 0], first, terms[:AVERAGED].mean(0)], rivals])
+        targets.append([local.stepped(iterates[k], ways, length) for length in (NEAR, SHORT)])
+    reached = map_points(jax.vmap(J), np.concatenate(targets).reshape(-1, n), chunk=chunk).reshape(K * S, 2, -1)
+    return [
+        {
+            **row,
+            **_gains(row["J"] - far),
+            **{f"{name}, 1 mm": value for name, value in _gains(row["J"] - close).items()},
+        }
+        for row, (far, close) in zip(found, reached, strict=True)
+    ]
+
+
+def _gains(gains: Float[np.ndarray, " N"]) -> dict[str, Any]:
+    """What each direction's step gained: exact, smoothed, zeroth order of 8, and those at equal cost."""
+    three = dict(zip(("exact", "smoothed", "zeroth"), gains[:3], strict=True))
+    best = max(three, key=lambda name: three[name])
+    return {
+        **{f"gain, {name}": gain for name, gain in three.items()},
+        "gain, equal": gains[3:].mean(),
+        "wins": best if three[best] > 0 else "none",
+        "exact wins": local.beaten(gains[0], gains[3:]),
+    }
+
+
+def descents(name: str) -> dict[str, np.ndarray]:
+    """The iterates of Table I's two descents and of `solve`."""
+    table_1 = {method: compute(Run("penalty", name, method)) for method in ("exact", "stochastic")}
+    table_1["solve"] = solve(name, BUDGET[name], "penalty")
+    return {method: descent.setpoints for method, descent in table_1.items()}
+
+
+@dataclasses.dataclass(frozen=True)
+class Why:
+    """Implements `Study`. A row each task, descent, iterate and sigma."""
+
+    question: str = "What tells beforehand whether the exact gradient gains more than a stochastic one?"
+
+    def run(self, quick: bool, store: Store, piece: Callable) -> pd.DataFrame:
+        del store  # It takes minutes.
+        tables, equal = [], int(SIMULATORS["penalty"].GRADIENT_CHARGE) - 1
+        number, pairs = (5, 256) if quick else (25, 2048)
+        for name in TASKS:
+            sigmas = (NEAR, get_task(name).stochastic.sigma)
+            with piece(f"{name} penalty, descents", 1) as report:
+                made = descents(name)
+                chosen = {of: _spread(len(some), number) for of, some in made.items()}
+                report(1)
+            points = np.concatenate([made[of][some] for of, some in chosen.items()])
+            with precision("penalty"), piece(f"{name} penalty", len(points) * len(sigmas) * 2 * pairs) as report:
+                rows = measure(objective(name, "penalty"), points, sigmas, equal, pairs, report)
+            labels = [(name, of, i) for of, some in chosen.items() for i in some for _ in sigmas]
+            tables.append(pd.DataFrame(labels, columns=["task", "descent", "iteration"]).join(pd.DataFrame(rows)))
+        return pd.concat(tables, ignore_index=True)
+
+    def summary(self, table: pd.DataFrame) -> pd.DataFrame:
+        """Rates, and the rank correlation of each statistic with `exact wins`: of all iterates and of each descent."""
+        groups = [(name, "all", rows) for name, rows in [("both", table), *table.groupby("task", sort=False)]]
+        groups += [(*of, rows) for of, rows in table.groupby(["task", "descent"], sort=False)]
+        found = [
+            {"task": name, "descent": of, "sigma": sigma, **_answer(some)}
+            for name, of, rows in groups
+            for sigma, some in [(s, x) for s, x in rows.groupby("sigma") if name != "both" or s == NEAR]
+        ]
+        return pd.DataFrame(found)
+
+    def draw(self, table: pd.DataFrame) -> Figure:
+        return draw_why(table, most_predictive(table))
+
+
+def most_predictive(table: pd.DataFrame) -> str:
+    """The statistic whose rank correlation, averaged over tasks and sigmas, is largest."""
+    groups = [some for _, some in table.groupby(["task", "sigma"])]
+    return max(STATISTICS, key=lambda name: abs(np.mean([_rank_correlation(some, name) for some in groups])))
+
+
+def _spread(length: int, number: int) -> np.ndarray:
+    """Up to so many of the indices below `length`, evenly spaced, both ends included."""
+    return np.unique(np.linspace(0, length - 1, number).round().astype(int))
+
+
+def _rank_correlation(some: pd.DataFrame, name: str) -> float:
+    """0 where one of the two does not vary."""
+    pair = some[name], some["exact wins"]
+    return float(spearmanr(*pair).statistic) if min(x.nunique() for x in pair) > 1 else 0.0
+
+
+def _answer(some: pd.DataFrame) -> dict[str, Any]:
+    lowers = {f"{name} lowers": (some[f"gain, {name}"] > 0).mean() for name in ("exact", "smoothed", "zeroth")}
+    wins = {f"{name} best": (some.wins == name).mean() for name in ("exact", "smoothed", "zeroth")}
+    ranks = {f"rho {name}": _rank_correlation(some, name) for name in STATISTICS}
+    short = {
+        "exact wins, 1 mm": some["exact wins, 1 mm"].mean(),
+        "exact lowers, 1 mm": (some["gain, exact, 1 mm"] > 0).mean(),
+    }
+    return {"iterates": len(some), "exact wins": some["exact wins"].mean(), **lowers, **wins, **short, **ranks}
