@@ -11,6 +11,7 @@ from tog_mjx.simulators import SIMULATORS
 from tog_mjx.solve import step_size
 from tog_mjx.studies.cell import Cell, updates_within
 from tog_mjx.studies.methods import METHODS
+from tog_mjx.studies.quirks import released_quirks
 from tog_mjx.studies.study import Comparison, Study
 from tog_mjx.tasks import TASKS, get_task
 
@@ -146,5 +147,6 @@ STUDIES: dict[str, Study] = {
         "Does what was found survive setpoint errors?", (tuning, robustness), (*_COMPARED, "error")
     ),
     "dimension": Comparison("And with more variables?", (tuning, dimension), (*_COMPARED, "knots")),
+    "released_quirks": released_quirks,
 }
 """By name, as `scripts/run_study.py` takes it."""

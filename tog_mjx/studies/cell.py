@@ -71,7 +71,7 @@ class Cell:
         """Evaluation equivalents of one update."""
         draws = _DRAWS if self.error else 1
         variables = len(_variables(self, get_task(self.task, knots=self.knots)))
-        return draws * METHODS[self.method].charge(variables, SIMULATORS[self.simulator].GRADIENT_CHARGE)
+        return float(draws * METHODS[self.method].charge(variables, SIMULATORS[self.simulator].GRADIENT_CHARGE))
 
     def settings(self) -> dict[str, Any]:
         """All that the result depends on."""
