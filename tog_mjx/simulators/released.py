@@ -14,6 +14,9 @@ quirks:
 
 The published numbers are float32. Friction is -mu(v) f_n with mu(v) = c v up to psi_s = mu_d / c, and mu_d sign(v)
 beyond.
+
+To ask what depends on a quirk, `mended` names one that the paper's text, or rigid-body mechanics, replaces: see
+`MENDED`.
 """
 
 import dataclasses
@@ -25,6 +28,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from tog_mjx.safe import safe_norm
 from tog_mjx.scene import Physics, Scene
 from tog_mjx.simulators.penalty import in_default_precision
 from tog_mjx.types import AnyArray, Box, Fingers, Scalar, Setpoints, Vector
@@ -33,6 +37,20 @@ FINGER_DAMPING = 2.0
 """k_d [N s/m] in both tasks."""
 REGULARISER = 1e-3
 """Added to the distances [m] and the speeds [m/s] of finger and box."""
+
+MENDED = {
+    "nothing": "the released program",
+    "integrator": "semi-implicit Euler: positions advance with the new velocities",
+    "finger damping": "k_d = 2 sqrt(m k_p)",
+    "contact damping": "contacts are springs, without a damper",
+    "pulling": "the normal force is clipped at zero",
+    "corner speed": "omega x r, as a rigid body's",
+    "distance": "finger and box: max(d_x, d_z), without the 1.4 mm",
+    "normals": "finger and box: that of the face of least penetration",
+    "friction regularisation": "finger and box: v_t / |v_t|, without the 1 mm/s",
+    "precision": "float64, where `tog_mjx.simulators.precision` is asked",
+}
+"""What takes a quirk's place, by the quirk's name."""
 
 
 class ReleasedState(NamedTuple):
@@ -45,17 +63,18 @@ class ReleasedState(NamedTuple):
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class ReleasedSimulator:
-    """Parameters are leaves. Implements `tog_mjx.simulators.simulator.Simulator`."""
+    """Parameters are leaves; the mended quirk is static. Implements `tog_mjx.simulators.simulator.Simulator`."""
 
-    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {}
+    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"mended": tuple(MENDED)}
     CHUNK: ClassVar[int] = 4096
     GRADIENT_CHARGE: ClassVar[float] = 3.5
 
     physics: Physics
+    mended: str = dataclasses.field(default="nothing", metadata={"static": True})
 
     @classmethod
-    def from_scene(cls, scene: Scene) -> "ReleasedSimulator":
-        return cls(in_default_precision(scene.physics))
+    def from_scene(cls, scene: Scene, mended: str = "nothing") -> "ReleasedSimulator":
+        return cls(in_default_precision(scene.physics), mended)
 
     def init(self, box: Box, fingers: Fingers) -> ReleasedState:
         box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
@@ -78,14 +97,20 @@ class ReleasedSimulator:
         on_fingers, by_fingers = self._each(self._finger_box, box, fingers)
         wrench += by_fingers.sum(0)
         forces = jnp.array([0.0, -p.gravity * p.finger_mass])
-        forces += p.finger_stiffness * (targets - fingers[:, :2]) - FINGER_DAMPING * fingers[:, 2:]
+        damping = p.finger_damping if self.mended == "finger damping" else FINGER_DAMPING
+        forces += p.finger_stiffness * (targets - fingers[:, :2]) - damping * fingers[:, 2:]
         forces += jax.vmap(self._finger_floor)(fingers) + on_fingers
 
         acceleration = wrench / jnp.array([p.box_mass, p.box_mass, p.box_inertia])
-        return ReleasedState(
-            box + p.timestep * jnp.concatenate([box[3:], acceleration]),
-            fingers + p.timestep * jnp.concatenate([fingers[:, 2:], forces / p.finger_mass], axis=1),
-        )
+        return ReleasedState(self._advance(box, acceleration), self._advance(fingers, forces / p.finger_mass))
+
+    def _advance(self, body: Float[AnyArray, "*batch n"], acceleration: Float[AnyArray, "*batch m"]):
+        """Positions and velocities, the two halves of `body`, one time step later."""
+        dt = self.physics.timestep
+        velocity = jnp.split(body, 2, axis=-1)[1]
+        if self.mended == "integrator":
+            velocity = velocity + dt * acceleration
+        return body + dt * jnp.concatenate([velocity, acceleration], axis=-1)
 
     @staticmethod
     def _each(contact: Callable, box: Box, others: Float[AnyArray, "contacts n"]):
@@ -102,7 +127,9 @@ class ReleasedSimulator:
     def _normal_force(self, phi: Scalar, normal_speed: Scalar) -> Scalar:
         """The damped spring for phi <= 0; it may pull."""
         law = self.physics.corner_floor
-        return -law.stiffness * phi - law.damping * normal_speed * (phi < 0)
+        damping = 0.0 if self.mended == "contact damping" else law.damping
+        force = -law.stiffness * phi - damping * normal_speed * (phi < 0)
+        return jnp.maximum(0.0, force) if self.mended == "pulling" else force
 
     def _floor_force(self, height: Scalar, velocity: Vector) -> Vector:
         """Force (x, z) of the floor on a point."""
@@ -115,7 +142,8 @@ class ReleasedSimulator:
     def _corner_floor(self, box: Box, corner: Vector) -> Float[Array, "3"]:
         """Force and torque on the box at one corner, given in the box's frame."""
         arm = rotate(box[2], corner)
-        velocity = jnp.sqrt(2.0) * box[5] * perpendicular(arm) + box[3:5]
+        factor = 1.0 if self.mended == "corner speed" else jnp.sqrt(2.0)
+        velocity = factor * box[5] * perpendicular(arm) + box[3:5]
         force = self._floor_force(arm[1] + box[1], velocity)
         return jnp.append(force, cross(arm, force))
 
@@ -125,22 +153,37 @@ class ReleasedSimulator:
 
     def _finger_box(self, box: Box, finger: Float[AnyArray, "4"]) -> tuple[Vector, Float[Array, "3"]]:
         """Force on a finger, and force and torque on the box."""
-        law = self.physics.finger_box
         arm = finger[:2] - box[:2]
         point = rotate(-box[2], arm)
         velocity = rotate(-box[2], finger[2:] - box[3:5]) - box[5] * perpendicular(point)
 
-        beyond = jnp.abs(point) - self.physics.box_half
-        phi = jnp.minimum(0.0, beyond.max()) + jnp.linalg.norm(jnp.maximum(REGULARISER, beyond))
-        normal = diagonal_sector(point)
+        phi, normal = self._distance(point)
         normal_speed = velocity @ normal
-        tangential = velocity - normal_speed * normal
-        shifted = jnp.linalg.norm(tangential + REGULARISER)
         normal_force = self._normal_force(jnp.minimum(0.0, phi), normal_speed)
-        sticking = shifted <= law.friction / law.slope
-        mu = jnp.where(sticking, law.slope * tangential, law.friction * tangential / (shifted + REGULARISER))
+        mu = self._friction(velocity - normal_speed * normal)
         force = rotate(box[2], normal_force * (normal - mu))
         return force, -jnp.append(force, cross(arm, force))
+
+    def _distance(self, point: Vector) -> tuple[Scalar, Vector]:
+        """Signed distance of a point from the box, and its normal, in the box's frame."""
+        beyond = jnp.abs(point) - self.physics.box_half
+        phi = beyond.max()
+        if self.mended != "distance":
+            phi = jnp.minimum(0.0, phi) + jnp.linalg.norm(jnp.maximum(REGULARISER, beyond))
+        if self.mended != "normals":
+            return phi, diagonal_sector(point)
+        axis = jnp.where(beyond[0] > beyond[1], jnp.array([1.0, 0.0]), jnp.array([0.0, 1.0]))
+        return phi, axis * jnp.where(point < 0, -1.0, 1.0)
+
+    def _friction(self, velocity: Vector) -> Vector:
+        """The coefficient mu, along the tangential velocity of a finger on the box."""
+        law = self.physics.finger_box
+        sticking_speed = law.friction / law.slope
+        if self.mended == "friction regularisation":
+            return law.friction * velocity / jnp.maximum(safe_norm(jnp.asarray(velocity)), sticking_speed)
+        shifted = jnp.linalg.norm(velocity + REGULARISER)
+        sliding = law.friction * velocity / (shifted + REGULARISER)
+        return jnp.where(shifted <= sticking_speed, law.slope * velocity, sliding)
 
 
 def diagonal_sector(point: Vector) -> Vector:

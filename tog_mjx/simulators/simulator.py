@@ -44,7 +44,8 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
 
     Args:
       name: "mjx", "penalty" or "released".
-      options: `differentiation="implicit" | "native"` of mjx, `friction="mujoco" | "paper"` of penalty.
+      options: `differentiation="implicit" | "native"` of mjx, `friction="mujoco" | "paper"` of penalty, `mended`
+        of released, one of `tog_mjx.simulators.released.MENDED`.
 
     Raises:
       InputError: for an unknown simulator, option or value.
@@ -55,9 +56,9 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
         return SIMULATORS[name].from_scene(scene, **options)
 
 
-def precision(simulator: str):
-    """A context: the released program computes in float32, as it did; the others in float64."""
-    return jax.enable_x64(simulator != "released")
+def precision(simulator: str, **options: str):
+    """A context: the released program computes in float32, as it did, unless that is mended; the others in float64."""
+    return jax.enable_x64(simulator != "released" or options.get("mended") == "precision")
 
 
 def check_names(name: str, options: Mapping[str, str]) -> None:

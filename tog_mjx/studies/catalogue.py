@@ -13,6 +13,7 @@ from tog_mjx.solve import step_size
 from tog_mjx.studies.asymmetry import Asymmetry
 from tog_mjx.studies.cell import Cell, updates_within
 from tog_mjx.studies.methods import METHODS
+from tog_mjx.studies.quirks import released_quirks
 from tog_mjx.studies.study import Comparison, DrawnComparison, Study
 from tog_mjx.studies.why import Why
 from tog_mjx.tasks import TASKS, get_task
@@ -152,5 +153,6 @@ STUDIES: dict[str, Study] = {
     "dimension": Comparison("And with more variables?", (tuning, dimension), (*_COMPARED, "knots")),
     "asymmetry": Asymmetry(),
     "why": Why(),
+    "released_quirks": released_quirks,
 }
 """By name, as `scripts/run_study.py` takes it."""

@@ -45,7 +45,8 @@ class Member(NamedTuple):
 class Cell:
     """`updates` of `method` for each member. `symmetric` restricts the grasp's setpoints to mirror images, and
     `error` > 0 descends on J averaged over setpoint errors of that standard deviation (m), 8 fixed draws.
-    `tested` lists the errors under which the best setpoints are tried afterwards, 256 draws each."""
+    `tested` lists the errors under which the best setpoints are tried afterwards, 256 draws each. `options` are the
+    simulator's, as pairs of name and value."""
 
     task: str
     simulator: str
@@ -59,6 +60,7 @@ class Cell:
     symmetric: bool = False
     error: float = 0.0
     tested: tuple[float, ...] = ()
+    options: tuple[tuple[str, str], ...] = ()
 
     @property
     def members(self) -> list[Member]:
@@ -98,7 +100,7 @@ _DRAWS, _TRIES = 8, 256
 
 def compute(cell: Cell, report: Callable[[int], None] = lambda _: None) -> Found:
     """Runs all members. `report` is called with the number of updates made."""
-    with precision(cell.simulator):
+    with precision(cell.simulator, **dict(cell.options)):
         task = get_task(cell.task, knots=cell.knots)
         objective, expand = _objective(cell, task)
         guess = _variables(cell, task)
@@ -115,7 +117,7 @@ def compute(cell: Cell, report: Callable[[int], None] = lambda _: None) -> Found
 
 def _try(cell: Cell, task: Task, setpoints: np.ndarray) -> np.ndarray:
     """J [members, tested, 256] under setpoint errors that are the same for all."""
-    cost = functools.partial(final_cost, task, make_simulator(cell.simulator, task.scene))
+    cost = functools.partial(final_cost, task, make_simulator(cell.simulator, task.scene, **dict(cell.options)))
     normal = np.random.default_rng(1).normal(size=(_TRIES, setpoints.shape[1]))
     errors = np.array(cell.tested)[:, None, None] * normal
     points = setpoints[:, None, None] + errors
@@ -163,7 +165,7 @@ def _variables(cell: Cell, task: Task) -> np.ndarray:
 
 def _objective(cell: Cell, task: Task) -> tuple[Objective, Callable[[Float[Array, " n"]], Array]]:
     """J of the decision variables, and the setpoints that they stand for."""
-    simulator = make_simulator(cell.simulator, task.scene)
+    simulator = make_simulator(cell.simulator, task.scene, **dict(cell.options))
 
     def expand(v: Float[Array, " n"]) -> Float[Array, " m"]:
         if not cell.symmetric:

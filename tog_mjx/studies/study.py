@@ -81,7 +81,7 @@ class Comparison:
         tables: list[pd.DataFrame] = []
         for stage, cells in enumerate(self.stages):
             for cell in cells(quick, pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()):
-                name = f"{cell.task} {cell.simulator}, {cell.method}"
+                name = ", ".join([f"{cell.task} {cell.simulator}", cell.method, *(value for _, value in cell.options)])
                 with piece(name + (f", {cell.knots} knots" if cell.knots > 1 else ""), cell.updates) as report:
                     tables.append(rows(cell, store.finish(cell, report), stage))
         return pd.concat(tables, ignore_index=True)
@@ -122,13 +122,15 @@ def _outcome(members: pd.DataFrame) -> dict[str, Any]:
 
 
 def rows(cell: Cell, found: Found, stage: int) -> pd.DataFrame:
-    """One row a member: its settings, its costs, and what it took."""
+    """One row a member: its settings, its costs, and what it took. Each of the simulator's options is a column."""
     costs = np.where(np.isfinite(found.costs), found.costs, np.inf)
     good = costs <= SUCCESS[cell.task]
     evaluations = np.where(good.any(axis=1), (good.argmax(axis=1) + 1) * cell.charge, np.nan)
     table = pd.DataFrame(cell.members)
     for name in ("task", "simulator", "method", "knots", "symmetric", "error"):
         table[name] = getattr(cell, name)
+    for option, value in cell.options:
+        table[option] = value
     table = table.assign(
         stage=stage,
         updates=cell.updates,
