@@ -6,7 +6,6 @@ physical parameter does not compile again, and always the same number of setpoin
 
 import contextlib
 import io
-import os
 import runpy
 import sys
 from collections.abc import Callable
@@ -21,7 +20,7 @@ import pytest
 from hypothesis import settings
 
 from tog_mjx.console import enable_compilation_cache, run_main
-from tog_mjx.devices import compile_loops_whole
+from tog_mjx.devices import tune_compiler
 from tog_mjx.rollout import Trajectory, final_cost, trajectory
 from tog_mjx.simulators import Simulator
 from tog_mjx.tasks import Task, get_task
@@ -29,11 +28,7 @@ from tog_mjx.tasks import Task, get_task
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 1)  # Whichever script a test starts first.
 enable_compilation_cache()
-# XLA's older code generator for fused operations compiles a step of MJX in half the time, and runs it as fast.
-_FUSIONS = "--xla_cpu_use_fusion_emitters"
-if _FUSIONS not in os.environ.get("XLA_FLAGS", ""):
-    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_FUSIONS}=false".strip()
-compile_loops_whole()  # As scripts do.
+tune_compiler()  # As scripts do.
 # The first example of a test compiles; a machine's speed is no property of the code.
 settings.register_profile("tog_mjx", deadline=None, derandomize=True)
 settings.load_profile("tog_mjx")

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from tog_mjx.devices import compile_loops_whole, use_all_cores
+from tog_mjx.devices import tune_compiler, use_all_cores
 from tog_mjx.errors import InputError
 
 CACHE_VARIABLE = "TOG_MJX_CACHE"
@@ -38,7 +38,7 @@ def run_main(main: Callable[[], None]) -> None:
     try:
         enable_compilation_cache()
         use_all_cores()
-        compile_loops_whole()
+        tune_compiler()
         # Tracing a step of MJX makes many objects and little garbage: a fifth of its time went into looking for some.
         gc.set_threshold(100_000)
         main()
