@@ -20,6 +20,7 @@ from tog_mjx.gradients import Objective
 from tog_mjx.rollout import objective
 from tog_mjx.simulators import SIMULATORS, precision
 from tog_mjx.solve import step_size
+from tog_mjx.studies.cell import BUDGET
 from tog_mjx.studies.methods import METHODS, Settings
 from tog_mjx.studies.study import Store
 from tog_mjx.tasks import get_task
@@ -28,8 +29,6 @@ ANTISYMMETRIC = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, -1.0]]) / np.sqr
 """Orthonormal rows: both fingers to the same side; one up and the other down."""
 UPDATES = 52
 """Of the plain rule: the exact descent is at its best at 50 and lost at 52."""
-BUDGET = 1000
-"""Evaluation equivalents of `solve`."""
 BROKEN = 0.01
 """Antisymmetric part, in m, from which on symmetry counts as lost."""
 SIZES, QUICK_SIZES = (1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2), (1e-8, 1e-2)
@@ -108,7 +107,7 @@ class Asymmetry:
         task, charge = get_task("grasp"), SIMULATORS["penalty"].GRADIENT_CHARGE
         along = {"none": np.zeros(4), "x": ANTISYMMETRIC[0], "z": ANTISYMMETRIC[1]}
         guesses = task.initial_guess + np.array([size * along[name] for size, name in members])
-        updates = int(BUDGET / charge) - 1
+        updates = int(BUDGET["grasp"] / charge) - 1
         rules = {"plain": ("exact, plain", task.exact.step_size, UPDATES)}
         rules["solve"] = ("solve", step_size(task, updates + 1), updates)
         tables = []

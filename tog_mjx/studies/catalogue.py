@@ -11,15 +11,13 @@ from tog_mjx.figures.profiles import draw_profiles
 from tog_mjx.simulators import SIMULATORS
 from tog_mjx.solve import step_size
 from tog_mjx.studies.asymmetry import Asymmetry
-from tog_mjx.studies.cell import Cell, updates_within
+from tog_mjx.studies.cell import BUDGET, Cell, updates_within
 from tog_mjx.studies.methods import METHODS
 from tog_mjx.studies.quirks import released_quirks
 from tog_mjx.studies.study import Comparison, DrawnComparison, Study
 from tog_mjx.studies.why import Why
 from tog_mjx.tasks import TASKS, get_task
 
-BUDGET = {"flip": 100, "grasp": 1000}
-"""Evaluation equivalents."""
 ON_MJX = ("exact, plain", "exact, adam", "stochastic, plain", "zeroth order, adam", "CMA-ES", "solve")
 """The methods compared on MJX too, which simulates a hundredth of what `penalty` does in the same time."""
 NOISES = (0.0, 1e-4, 1e-3, 1e-2, 3e-2, 1e-1)

@@ -27,6 +27,8 @@ from tog_mjx.types import Scalar
 
 SUCCESS = {"flip": 0.1, "grasp": 0.2}
 """J that counts as success."""
+BUDGET = {"flip": 100, "grasp": 1000}
+"""Evaluation equivalents of one run."""
 
 PIECE = 20
 """Updates between two reports."""

@@ -26,6 +26,7 @@ from tog_mjx.rollout import objective
 from tog_mjx.simulators import SIMULATORS, precision
 from tog_mjx.solve import solve
 from tog_mjx.studies import local
+from tog_mjx.studies.cell import BUDGET
 from tog_mjx.studies.study import Store
 from tog_mjx.tasks import TASKS, get_task
 
@@ -36,8 +37,6 @@ SHORT = NEAR / 10
 DRAWS, AVERAGED = 64, 8
 LEVEL = 1e-4
 """Changes of J below it count as none."""
-BUDGET = {"flip": 100.0, "grasp": 1000.0}
-"""Evaluation equivalents of `solve`."""
 STATISTICS = ("gradient", "snr0", "snr1", "cosine", "bias", "bias1", "flatness", "roughness", "steepness")
 """Norm of the exact gradient; signal-to-noise ratios of one term of zeroth and first order; cosine of the exact and the
 smoothed gradient; error of the exact gradient and of the mean of first order, relative to the smoothed one; and J
