@@ -45,7 +45,7 @@ def test_hessians_of_a_quadratic():
 @pytest.mark.parametrize("direction", [0, 1])
 def test_growth_along_a_descent_of_a_quadratic_is_as_predicted(step, direction):
     guesses = np.array([1.0, 2.0, -1.0, 2.0]) + np.array([[0.0], [1e-3]]) * ANTISYMMETRIC[direction]
-    costs, iterates = traces(valley, "exact, plain", step, guesses, 10)
+    costs, iterates = traces(valley, "exact, plain", step, guesses, 10).values()
     assert costs.shape == (2, 11)
     assert iterates.shape == (2, 11, 4)
     np.testing.assert_allclose(costs[:, 0], [valley(u) for u in guesses])

@@ -112,7 +112,8 @@ def test_a_summary_counts_with_wilson_intervals(tmp_path):
 
 def test_a_damaged_cell_is_computed_again_and_a_whole_one_is_not(tmp_path, table_1):
     before = Store(tmp_path, resume=False)
-    found, path = before.finish(table_1), before.path(table_1)
+    found = before.finish(table_1)
+    (path,) = tmp_path.iterdir()
     made = path.stat().st_mtime_ns
     np.testing.assert_array_equal(Store(tmp_path, resume=True).finish(table_1).costs, found.costs)
     assert path.stat().st_mtime_ns == made
@@ -122,6 +123,50 @@ def test_a_damaged_cell_is_computed_again_and_a_whole_one_is_not(tmp_path, table
     np.testing.assert_array_equal(Store(tmp_path, resume=True).finish(table_1).costs, found.costs)
     assert path.stat().st_mtime_ns != made
     assert path.read_bytes() != bytes(damaged)
+
+
+STUDY = """
+import os, signal, sys
+from pathlib import Path
+import numpy as np, pandas as pd
+from tog_mjx.studies.study import Store
+
+folder, killed_at = Path(sys.argv[1]), sys.argv[2]
+store = Store(folder, resume=True)
+
+def arrays(name):
+    (folder / f"made_{name}").touch(exist_ok=False)
+    if name == killed_at:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"x": np.random.default_rng(len(name)).normal(size=3), "n": np.arange(2)}
+
+def table():
+    x = arrays("the table")["x"]
+    return pd.DataFrame({"name, m": ["a", "b", "longer"], "x": x, "good": x > 0, "n": np.arange(3), "odd": np.nan})
+
+first = store.finish_part("a part, the first", {"of": [1, 2.5]}, lambda: arrays("first"))
+last = store.finish_table("the table", {"of": "it"}, table)
+last.assign(sum=first["x"].sum()).to_csv(folder / "table.csv")
+print(last.dtypes.astype(str).tolist())
+"""
+"""A study of two parts. It leaves a file for each part that it begins to make."""
+
+
+def test_a_killed_part_is_made_again_and_a_finished_one_is_not(tmp_path):
+    def run(out: str, killed_at: str = "") -> subprocess.CompletedProcess:
+        (tmp_path / out).mkdir(exist_ok=True)
+        return subprocess.run([sys.executable, "-c", STUDY, tmp_path / out, killed_at], capture_output=True, text=True)
+
+    whole = run("whole")
+    assert whole.returncode == 0, whole.stderr
+    assert run("killed", killed_at="the table").returncode == -signal.SIGKILL
+    assert [path.name.rpartition("_")[0] for path in (tmp_path / "killed").glob("*.npz")] == ["a-part-the-first"]
+    (tmp_path / "killed" / "made_the table").unlink()
+    again = run("killed")  # Making the first part again would find its mark and fail.
+    assert again.returncode == 0, again.stderr
+    read = run("killed")
+    assert whole.stdout == again.stdout == read.stdout
+    assert (tmp_path / "killed" / "table.csv").read_bytes() == (tmp_path / "whole" / "table.csv").read_bytes()
 
 
 def test_quick_seeds_show_what_the_paper_says(run_script, tmp_path):

@@ -25,6 +25,11 @@ def scene_digest(task: Task) -> str:
     return hashlib.sha256(binary.tobytes()).hexdigest()
 
 
+def made_with(task: Task) -> dict[str, str]:
+    """Both digests, for the settings of a result that is kept."""
+    return {"scene": scene_digest(task), "program": program_digest()}
+
+
 @functools.cache
 def program_digest() -> str:
     """SHA-256 of this package's code, without what only draws, and of the versions of the libraries that compute."""

@@ -7,6 +7,7 @@ is the Hessian of J restricted to antisymmetric changes of u. That holds as long
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
+from tog_mjx.digests import made_with
 from tog_mjx.gradients import Objective
 from tog_mjx.rollout import objective
 from tog_mjx.simulators import SIMULATORS, precision
@@ -82,8 +84,8 @@ def worst_factor(matrices: Matrices, step: float) -> Float[np.ndarray, " N"]:
 
 def traces(
     J: Objective, method: str, step: float, guesses: Float[np.ndarray, "M n"], updates: int
-) -> tuple[Float[np.ndarray, "M N"], Float[np.ndarray, "M N n"]]:
-    """Costs and iterates 0 to `updates` of a method without noise, from each guess."""
+) -> dict[str, np.ndarray]:
+    """`costs` [M, N] and `iterates` [M, N, n], 0 to `updates`, of a method without noise, from each guess."""
     settings = Settings(jnp.array(step), jnp.array(0.0))
     bound = METHODS[method].bind(J, settings, guesses.shape[1])
     keys = jax.random.split(jax.random.key(0), updates + 1)
@@ -92,7 +94,7 @@ def traces(
         return jax.lax.scan(lambda state, key: bound.update(key, state), bound.init(keys[0], u), keys)[1]
 
     costs, iterates = jax.jit(jax.vmap(run))(guesses)
-    return np.asarray(costs), np.asarray(iterates)
+    return {"costs": np.asarray(costs), "iterates": np.asarray(iterates)}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,7 +104,6 @@ class Asymmetry:
     question: str = "How does an antisymmetric error of the grasp's guess grow?"
 
     def run(self, quick: bool, store: Store, piece: Callable) -> pd.DataFrame:
-        del store  # It takes less than a minute.
         members = [(0.0, "none"), *((size, name) for size in (QUICK_SIZES if quick else SIZES) for name in "xz")]
         task, charge = get_task("grasp"), SIMULATORS["penalty"].GRADIENT_CHARGE
         along = {"none": np.zeros(4), "x": ANTISYMMETRIC[0], "z": ANTISYMMETRIC[1]}
@@ -110,18 +111,25 @@ class Asymmetry:
         updates = int(BUDGET["grasp"] / charge) - 1
         rules = {"plain": ("exact, plain", task.exact.step_size, UPDATES)}
         rules["solve"] = ("solve", step_size(task, updates + 1), updates)
+        settings = {"guesses": guesses.tolist(), "rules": rules, **made_with(task)}
         tables = []
         with precision("penalty"):
             J = objective(task, "penalty")
             for rule, (method, step, number) in rules.items():
                 with piece(f"grasp penalty, {rule}", number) as report:
-                    costs, iterates = traces(J, method, step, guesses, number)
+                    found = store.finish_part(
+                        f"asymmetry_{rule}", settings, functools.partial(traces, J, method, step, guesses, number)
+                    )
                     report(number)
-                table = _rows(members, costs, iterates).assign(rule=rule)
+                table = _rows(members, **found).assign(rule=rule)
                 if rule == "plain":
-                    with piece("grasp penalty, Hessians", len(iterates[0])) as report:
-                        table = table.merge(_predictions(J, iterates[0], step), on=["direction", "iteration"])
-                        report(len(iterates[0]))
+                    points = found["iterates"][0]
+                    with piece("grasp penalty, Hessians", len(points)) as report:
+                        predicted = store.finish_table(
+                            "asymmetry_hessians", settings, functools.partial(_predictions, J, points, step)
+                        )
+                        table = table.merge(predicted, on=["direction", "iteration"])
+                        report(len(points))
                 tables.append(table)
         return pd.concat(tables, ignore_index=True)
 

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx.batches import map_points
 from tog_mjx.devices import over_devices
-from tog_mjx.digests import program_digest, scene_digest
+from tog_mjx.digests import made_with
 from tog_mjx.gradients import Objective
 from tog_mjx.rollout import final_cost
 from tog_mjx.simulators import SIMULATORS, make_simulator, precision
@@ -77,8 +77,7 @@ class Cell:
 
     def settings(self) -> dict[str, Any]:
         """All that the result depends on."""
-        digests = {"scene": scene_digest(get_task(self.task)), "program": program_digest()}
-        return {**dataclasses.asdict(self), **digests}
+        return {**dataclasses.asdict(self), **made_with(get_task(self.task))}
 
 
 def updates_within(budget: int | float, cell: Cell) -> Cell:

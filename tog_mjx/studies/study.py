@@ -1,13 +1,15 @@
 """A study: cells to run, in stages that may depend on what came before, and one table of all their members.
 
-Each finished cell is a file, written atomically, so that a killed study continues.
+Each finished part, a cell or whatever else a study computes, is a file, written atomically, so that a killed study
+continues.
 """
 
 import contextlib
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -21,29 +23,45 @@ from tog_mjx.studies.cell import SUCCESS, Cell, Found, compute
 
 
 class Store:
-    """A folder of finished cells, one file each, which all studies share. What is there and whole is read, but without
+    """A folder of finished parts, one file each, which all studies share. What is there and whole is read, but without
     `resume` only if this store has computed it."""
 
     def __init__(self, folder: Path, resume: bool):
         self.folder, self.resume = folder, resume
         self._computed: set[Path] = set()
 
-    def path(self, cell: Cell) -> Path:
-        """One file for each set of settings; another version of the program makes others."""
-        digest = hashlib.sha256(json.dumps(cell.settings(), sort_keys=True).encode()).hexdigest()[:12]
-        method = cell.method.replace(", ", "-").replace(" ", "-")
-        return self.folder / f"{cell.task}_{cell.simulator}_{method}_{digest}.npz"
+    def path(self, name: str, settings: Mapping[str, Any]) -> Path:
+        """One file for each name and set of settings. With `made_with` in them, another version of the program makes
+        others."""
+        digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:12]
+        return self.folder / (re.sub(r"\W+", "-", name) + f"_{digest}.npz")
+
+    def finish_part(
+        self, name: str, settings: Mapping[str, Any], make: Callable[[], Mapping[str, np.ndarray]]
+    ) -> dict[str, np.ndarray]:
+        """Arrays by name: read, or made and kept. `settings` are JSON-able: all that the arrays depend on."""
+        path = self.path(name, settings)
+        if self.resume or path in self._computed:
+            with contextlib.suppress(FileNotFoundError, DamagedFileError):
+                return load_result(path)[0]
+        arrays = dict(make())
+        save_result(path, arrays, {"settings": settings})
+        self._computed.add(path)
+        return arrays
+
+    def finish_table(self, name: str, settings: Mapping[str, Any], make: Callable[[], pd.DataFrame]) -> pd.DataFrame:
+        """As `finish_part`, of a table whose columns hold numbers, or text, or truth values."""
+        # From the arrays, whether read or made: a column has one type either way.
+        return pd.DataFrame(
+            self.finish_part(
+                name, settings, lambda: {column: np.array(values.tolist()) for column, values in make().items()}
+            )
+        )
 
     def finish(self, cell: Cell, report: Callable[[int], None] = lambda _: None) -> Found:
         """The cell's result: read, or computed and kept."""
-        path = self.path(cell)
-        if self.resume or path in self._computed:
-            with contextlib.suppress(FileNotFoundError, DamagedFileError, TypeError):
-                return Found(**load_result(path)[0])
-        found = compute(cell, report)
-        save_result(path, found._asdict(), {"settings": cell.settings()})
-        self._computed.add(path)
-        return found
+        name = f"{cell.task}_{cell.simulator}_{cell.method}"
+        return Found(**self.finish_part(name, cell.settings(), lambda: compute(cell, report)._asdict()))
 
 
 class Study(Protocol):

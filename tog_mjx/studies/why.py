@@ -8,6 +8,7 @@ exact gradient.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ from scipy.stats import spearmanr
 
 from tog_mjx.batches import map_points
 from tog_mjx.comparison import Run, compute
+from tog_mjx.digests import made_with
 from tog_mjx.figures.why import draw_why
 from tog_mjx.gradients import Objective, exact_batch
 from tog_mjx.rollout import objective
@@ -100,6 +102,12 @@ def measure(
     ]
 
 
+def _measured(name: str, points: np.ndarray, sigmas: tuple[float, ...], pairs: int, report: Callable) -> pd.DataFrame:
+    equal = int(SIMULATORS["penalty"].GRADIENT_CHARGE) - 1
+    with precision("penalty"):
+        return pd.DataFrame(measure(objective(name, "penalty"), points, sigmas, equal, pairs, report))
+
+
 def _gains(gains: Float[np.ndarray, " N"]) -> dict[str, Any]:
     """What each direction's step gained: exact, smoothed, zeroth order of 8, and those at equal cost."""
     three = dict(zip(("exact", "smoothed", "zeroth"), gains[:3], strict=True))
@@ -126,20 +134,21 @@ class Why:
     question: str = "What tells beforehand whether the exact gradient gains more than a stochastic one?"
 
     def run(self, quick: bool, store: Store, piece: Callable) -> pd.DataFrame:
-        del store  # It takes minutes.
-        tables, equal = [], int(SIMULATORS["penalty"].GRADIENT_CHARGE) - 1
+        tables = []
         number, pairs = (5, 256) if quick else (25, 2048)
         for name in TASKS:
-            sigmas = (NEAR, get_task(name).stochastic.sigma)
+            sigmas, program = (NEAR, get_task(name).stochastic.sigma), made_with(get_task(name))
             with piece(f"{name} penalty, descents", 1) as report:
-                made = descents(name)
+                made = store.finish_part(f"why_{name}_descents", program, functools.partial(descents, name))
                 chosen = {of: _spread(len(some), number) for of, some in made.items()}
                 report(1)
             points = np.concatenate([made[of][some] for of, some in chosen.items()])
-            with precision("penalty"), piece(f"{name} penalty", len(points) * len(sigmas) * 2 * pairs) as report:
-                rows = measure(objective(name, "penalty"), points, sigmas, equal, pairs, report)
+            settings = {"points": points.tolist(), "pairs": pairs, **program}
+            with piece(f"{name} penalty", len(points) * len(sigmas) * 2 * pairs) as report:
+                make = functools.partial(_measured, name, points, sigmas, pairs, report)
+                rows = store.finish_table(f"why_{name}", settings, make)
             labels = [(name, of, i) for of, some in chosen.items() for i in some for _ in sigmas]
-            tables.append(pd.DataFrame(labels, columns=["task", "descent", "iteration"]).join(pd.DataFrame(rows)))
+            tables.append(pd.DataFrame(labels, columns=["task", "descent", "iteration"]).join(rows))
         return pd.concat(tables, ignore_index=True)
 
     def summary(self, table: pd.DataFrame) -> pd.DataFrame:
