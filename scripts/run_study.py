@@ -32,7 +32,7 @@ def main() -> None:
         write_csv(folder / "table.csv", table)
         write_csv(folder / "summary.csv", found)
         if isinstance(study, Drawn):
-            save_figure(study.draw(table), folder / f"{name}.png")
+            save_figure(study.draw(args.quick, store, table), folder / f"{name}.png")
         console.print(printed(f"{name}: {study.question}", found))
 
 

@@ -1,6 +1,8 @@
 """Studies: cells are the descents they claim to be, tables hold known facts, and nothing is lost by a kill."""
 
 import contextlib
+import dataclasses
+import itertools
 import math
 import os
 import signal
@@ -16,7 +18,9 @@ import pytest
 from tog_mjx.comparison import Run
 from tog_mjx.comparison import compute as compute_run
 from tog_mjx.figures.profiles import draw_profiles
+from tog_mjx.landscape import grid as window_grid
 from tog_mjx.rollout import objective
+from tog_mjx.studies import catalogue
 from tog_mjx.studies.catalogue import candidates, chosen
 from tog_mjx.studies.cell import Cell, compute, updates_within
 from tog_mjx.studies.methods import METHODS
@@ -52,7 +56,8 @@ def test_equal_seeds_have_equal_guesses_whatever_the_method(table_1):
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_lowers_the_cost_and_remembers_the_best(method):
     grid = candidates("flip", method)
-    cell = Cell("flip", "penalty", method, 12, (0, 1), steps=grid.steps[1:2] or grid.steps, sigmas=grid.sigmas[-1:])
+    steps, sigmas = grid.steps[2:3] or grid.steps, grid.sigmas[-2:-1] or grid.sigmas
+    cell = Cell("flip", "penalty", method, 12, (0, 1), steps=steps, sigmas=sigmas)
     found = compute(cell)
     cost = objective("flip", "penalty")
     assert (found.costs.min(axis=1) < found.costs[:, 0]).all()
@@ -78,6 +83,34 @@ def test_restricted_setpoints_are_mirror_images():
     for found in compute(cell)[1:4]:
         left, right = np.moveaxis(found.reshape(2, 2, 2, 2), 2, 0)
         np.testing.assert_array_equal(right, left * [-1, 1])
+
+
+def test_guesses_of_a_window_are_the_points_of_its_landscape():
+    task, seeds = get_task("grasp"), (40, 3, 70)
+    points = window_grid(task, 9)[list(seeds)]
+    for symmetric in (False, True):
+        cell = Cell("grasp", "penalty", "exact, plain", 1, seeds, steps=(0.5,), symmetric=symmetric, window=9)
+        np.testing.assert_array_equal(compute(cell).first, [task.expand(point) for point in points])
+
+
+def test_a_descent_from_the_windows_point_at_the_papers_guess_is_table_1s(table_1):
+    at = 2 * 9 + 4  # z = 0.25, x = 0.
+    cell = dataclasses.replace(table_1, seeds=(at,), noises=(0.0,), window=9)
+    np.testing.assert_allclose(compute(cell).costs[0], compute(table_1).costs[0], rtol=1e-12)
+
+
+@pytest.mark.parametrize("study", ["fair_budget", "initial_guess", "symmetry", "robustness", "dimension"])
+def test_on_mjx_run_the_methods_that_are_said_to(study):
+    settings = [("flip", "grasp"), METHODS, (0,), (0.1,), (0.03,), (True,), (0.1,)]
+    columns = ["task", "method", "stage", "step", "sigma", "succeeded", "best"]
+    known = pd.DataFrame(itertools.product(*settings), columns=columns)
+    cells = [cell for cell in getattr(catalogue, study)(False, known) if cell.simulator == "mjx"]
+    found = {(cell.task, cell.method) for cell in cells}
+    tasks = {"symmetry": ("grasp",), "robustness": ("flip",), "dimension": ("flip",)}.get(study, ("flip", "grasp"))
+    methods = {"fair_budget": catalogue.ON_MJX, "dimension": ("solve",)}.get(study, catalogue.FEW_ON_MJX)
+    assert found == set(itertools.product(tasks, methods))
+    assert {len(cell.seeds) for cell in cells} == {20 if study == "fair_budget" else 8}
+    assert not [cell for cell in getattr(catalogue, study)(True, known) if cell.simulator == "mjx"]
 
 
 def test_setpoint_errors_are_tried_on_the_best():

@@ -102,10 +102,10 @@ def test_the_exact_gradient_wins_more_often_than_not(table):
     assert found.loc[("grasp", "solve", 0.01), "exact wins"] < found.loc[("grasp", "exact", 0.01), "exact wins"]
 
 
-def test_the_figure_shows_every_row(table):
+def test_the_figure_shows_every_row(table, tmp_path):
     study = Why()
     assert isinstance(study, Drawn)
     assert most_predictive(table) in STATISTICS
-    figure = study.draw(table)
+    figure = study.draw(True, Store(tmp_path, False), table)
     drawn = sum(np.shape(points.get_offsets())[0] for axes in figure.axes for points in axes.collections)
     assert drawn == len(table)

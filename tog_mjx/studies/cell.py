@@ -19,6 +19,7 @@ from tog_mjx.batches import map_points
 from tog_mjx.devices import over_devices
 from tog_mjx.digests import made_with
 from tog_mjx.gradients import Objective
+from tog_mjx.landscape import grid
 from tog_mjx.rollout import final_cost
 from tog_mjx.simulators import SIMULATORS, make_simulator, precision
 from tog_mjx.studies.methods import METHODS, Settings
@@ -31,7 +32,7 @@ BUDGET = {"flip": 100, "grasp": 1000}
 """Evaluation equivalents of one run."""
 
 PIECE = 20
-"""Updates between two reports."""
+"""Updates between two reports, at most."""
 
 
 class Member(NamedTuple):
@@ -48,7 +49,8 @@ class Cell:
     """`updates` of `method` for each member. `symmetric` restricts the grasp's setpoints to mirror images, and
     `error` > 0 descends on J averaged over setpoint errors of that standard deviation (m), 8 fixed draws.
     `tested` lists the errors under which the best setpoints are tried afterwards, 256 draws each. `options` are the
-    simulator's, as pairs of name and value."""
+    simulator's, as pairs of name and value. With `window` > 0 the guess of seed i is, but for noise, point i of the
+    task's landscape of window x window points."""
 
     task: str
     simulator: str
@@ -63,6 +65,7 @@ class Cell:
     error: float = 0.0
     tested: tuple[float, ...] = ()
     options: tuple[tuple[str, str], ...] = ()
+    window: int = 0
 
     @property
     def members(self) -> list[Member]:
@@ -72,7 +75,7 @@ class Cell:
     def charge(self) -> float:
         """Evaluation equivalents of one update."""
         draws = _DRAWS if self.error else 1
-        variables = len(_variables(self, get_task(self.task, knots=self.knots)))
+        variables = len(_variables(self, get_task(self.task, knots=self.knots).initial_guess))
         return float(draws * METHODS[self.method].charge(variables, SIMULATORS[self.simulator].GRADIENT_CHARGE))
 
     def settings(self) -> dict[str, Any]:
@@ -104,11 +107,10 @@ def compute(cell: Cell, report: Callable[[int], None] = lambda _: None) -> Found
     with precision(cell.simulator, **dict(cell.options)):
         task = get_task(cell.task, knots=cell.knots)
         objective, expand = _objective(cell, task)
-        guess = _variables(cell, task)
         pieces = []
-        for piece in _pieces(cell, objective, guess):
+        for piece in _pieces(cell, objective, _guesses(cell, task)):
             pieces.append(piece)
-            report(min(PIECE * len(pieces), cell.updates))
+            report(min(len(pieces) * piece[0].shape[1], cell.updates))
         costs, iterates = (np.concatenate(some, axis=1)[:, : cell.updates] for some in zip(*pieces, strict=True))
         best = np.where(np.isfinite(costs), costs, np.inf).argmin(axis=1)
         chosen = (iterates[:, 0], iterates[np.arange(len(best)), best], iterates[:, -1])
@@ -127,41 +129,49 @@ def _try(cell: Cell, task: Task, setpoints: np.ndarray) -> np.ndarray:
     return costs.reshape(points.shape[:-1])
 
 
-def _pieces(cell: Cell, objective: Objective, guess: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Costs [members, PIECE] and iterates [members, PIECE, n], piece by piece."""
-    method, n = METHODS[cell.method], len(guess)
+def _pieces(cell: Cell, objective: Objective, guesses: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Costs [members, length] and iterates [members, length, n], in the fewest pieces of equal length."""
+    method, n = METHODS[cell.method], guesses.shape[1]
+    length = -(-cell.updates // -(-cell.updates // PIECE))
 
     def key_of(seed: Array, purpose: int) -> Array:
         return jax.random.fold_in(jax.random.key(seed), purpose)
 
     def begin(member: Any) -> Any:
-        seed, noise, settings = member
-        u = jnp.asarray(guess) + noise * jax.random.normal(key_of(seed, 0), (n,), noise.dtype)
+        guess, seed, noise, settings = member
+        u = guess + noise * jax.random.normal(key_of(seed, 0), (n,), noise.dtype)
         return method.bind(objective, settings, n).init(key_of(seed, 1), u)
 
     def advance(member: Any, state: Any, first: Array) -> Any:
-        seed, _, settings = member
+        _, seed, _, settings = member
         update = method.bind(objective, settings, n).update
         stream = key_of(seed, 2)
         return jax.lax.scan(
-            lambda state, i: update(jax.random.fold_in(stream, i), state), state, first + jnp.arange(PIECE)
+            lambda state, i: update(jax.random.fold_in(stream, i), state), state, first + jnp.arange(length)
         )
 
     members, count = cell.members, len(cell.members)
-    padded = [members[i % count] for i in range(-(-count // jax.device_count()) * jax.device_count())]
-    seeds, noises, steps, sigmas = (np.array(axis) for axis in zip(*padded, strict=True))
-    batch = (seeds, noises.astype(float), Settings(steps.astype(float), sigmas.astype(float)))
+    padded = np.resize(np.arange(count), -(-count // jax.device_count()) * jax.device_count())
+    seeds, noises, steps, sigmas = (np.array(axis)[padded] for axis in zip(*members, strict=True))
+    batch = (guesses[padded], seeds, noises.astype(float), Settings(steps.astype(float), sigmas.astype(float)))
     state = over_devices(jax.vmap(begin))(batch)
     run = over_devices(lambda given: jax.vmap(advance)(*given))
-    for first in range(0, cell.updates, PIECE):
+    for first in range(0, cell.updates, length):
         state, found = run((batch, state, np.full(len(padded), first)))
         yield tuple(some[:count] for some in found)
 
 
-def _variables(cell: Cell, task: Task) -> np.ndarray:
-    """The decision variables [n] of the paper's initial guess."""
-    guess = task.initial_guess
-    return guess.reshape(task.knots, -1, 2)[:, 0].ravel() if cell.symmetric else guess
+def _variables(cell: Cell, setpoints: np.ndarray) -> np.ndarray:
+    """The decision variables [n] of setpoints."""
+    return setpoints.reshape(cell.knots, -1, 2)[:, 0].ravel() if cell.symmetric else setpoints
+
+
+def _guesses(cell: Cell, task: Task) -> np.ndarray:
+    """The decision variables [members, n] to which noise is added: those of the paper's guess, or of the window."""
+    if not cell.window:
+        return np.tile(_variables(cell, task.initial_guess), (len(cell.members), 1))
+    points = grid(task, cell.window)[[member.seed for member in cell.members]]
+    return np.stack([_variables(cell, setpoints) for setpoints in np.asarray(jax.vmap(task.expand)(points))])
 
 
 def _objective(cell: Cell, task: Task) -> tuple[Objective, Callable[[Float[Array, " n"]], Array]]:

@@ -18,6 +18,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
+from tog_mjx.figures.bands import draw_bands
 from tog_mjx.storage import DamagedFileError, load_result, save_result
 from tog_mjx.studies.cell import SUCCESS, Cell, Found, compute
 
@@ -80,7 +81,8 @@ class Study(Protocol):
 class Drawn(Protocol):
     """A study that has a figure too."""
 
-    def draw(self, table: pd.DataFrame) -> Figure: ...
+    def draw(self, quick: bool, store: Store, table: pd.DataFrame) -> Figure:
+        """From the table of a run, and from what the run has left in the store."""
 
 
 Stage = Callable[[bool, pd.DataFrame], list[Cell]]
@@ -120,14 +122,26 @@ class DrawnComparison(Comparison):
 
     picture: Callable[[pd.DataFrame], Figure]
 
-    def draw(self, table: pd.DataFrame) -> Figure:
+    def draw(self, quick: bool, store: Store, table: pd.DataFrame) -> Figure:
+        del quick, store
         return self.picture(table[table.stage == table.stage.max()])
+
+
+@dataclasses.dataclass(frozen=True)
+class TracedComparison(Comparison):
+    """With J against iteration in the last stage, over members. Implements `Drawn`."""
+
+    def draw(self, quick: bool, store: Store, table: pd.DataFrame) -> Figure:
+        cells = self.stages[-1](quick, table[table.stage < table.stage.max()])
+        costs = {(cell.task, cell.simulator, cell.method): store.finish(cell).costs for cell in cells}
+        return draw_bands(costs, SUCCESS)
 
 
 def _outcome(members: pd.DataFrame) -> dict[str, Any]:
     interval = binomtest(int(members.succeeded.sum()), len(members)).proportion_ci(method="wilson")
     return {
         "members": len(members),
+        "updates": members.updates.max(),
         "success": members.succeeded.mean(),
         "low": interval.low,
         "high": interval.high,

@@ -162,7 +162,8 @@ class Why:
         ]
         return pd.DataFrame(found)
 
-    def draw(self, table: pd.DataFrame) -> Figure:
+    def draw(self, quick: bool, store: Store, table: pd.DataFrame) -> Figure:
+        del quick, store
         return draw_why(table, most_predictive(table))
 
 
