@@ -45,7 +45,7 @@ def candidates(name: str, method: str) -> Grid:
     if method == "solve":
         steps = (step_size(get_task(name), int(BUDGET[name] / SIMULATORS["penalty"].GRADIENT_CHARGE)),)
     needs_no_sigma = estimator in ("exact", "differences", "solve")
-    return Grid(steps, (0.0,) if needs_no_sigma else (0.003, 0.01, 0.03, 0.1, 0.3, 1.0))
+    return Grid(steps, (0.0,) if needs_no_sigma else (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0))
 
 
 def chosen(known: pd.DataFrame, name: str, method: str) -> Grid:
