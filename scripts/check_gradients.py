@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from tog_mjx.checks.finding import Finding, Level, Verdict
+from tog_mjx.checks.page import write_page
 from tog_mjx.checks.scene import check_scene
 from tog_mjx.checks.scene_function import load_cost
 from tog_mjx.checks.starts import keyframe_start, saved_start
@@ -25,7 +26,7 @@ _MARKS = {Level.FINE: "[green]fine [/]", Level.CARE: "[yellow]care [/]", Level.F
 
 def main() -> None:
     args = parse_arguments()
-    for path in (args.json,):
+    for path in (args.json, args.html):
         if path:
             check_writable(path)
     console = Console(stderr=True, highlight=False)
@@ -50,6 +51,8 @@ def main() -> None:
         )
     if args.json:
         write_json(args.json, verdict)
+    if args.html:
+        write_page(args.html, scene.name, verdict)
     print(f"{scene.name}: {verdict.subject}: {verdict.line}")
     sys.exit(verdict.exit_status)
 
@@ -67,6 +70,7 @@ def parse_arguments() -> argparse.Namespace:
     begin.add_argument("--keyframe", metavar="NAME", help="default: the first, or else the initial pose")
     parser.add_argument("--quick", action="store_true", help="leave out other modes, float32, and what it costs")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the verdict there")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with the curves there")
     return parser.parse_args()
 
 
