@@ -27,18 +27,19 @@ def parity(simulation: Simulation, motion: Motion) -> Finding:
         change = np.concatenate([one.qpos[-1] - qpos, one.qvel[-1] - qvel])
         expected = np.concatenate([after[0] - qpos, after[1] - qvel])
         apart.append(relative(change, expected))
-        slopes_apart.append(relative(one.jacobians[-1], jacobian))
+        slopes_apart.append(relative(one.jacobians[-1], jacobian) if jacobian is not None else np.nan)
     worst, typical = float(np.max(apart)), float(np.median(slopes_apart))
     curves = {
         "step": motion.times[chosen].tolist(),
         "difference of a step": [float(x) for x in apart],
         "difference of its derivative": [float(x) for x in slopes_apart],
     }
-    sentence = (
-        f"at {len(chosen)} states a step of MJX differs from C MuJoCo's by at most {worst:.0e}, "
-        f"its derivative from mjd_transitionFD by {typical:.0e} (median)"
+    sentence = f"at {len(chosen)} states a step of MJX differs from C MuJoCo's by at most {worst:.0e}, " + (
+        "whose mjd_transitionFD does not differentiate RK4"
+        if np.isnan(typical)
+        else f"its derivative from mjd_transitionFD by {typical:.0e} (median)"
     )
-    if worst <= CLOSE and typical <= CLOSE_SLOPES:
+    if worst <= CLOSE and not typical > CLOSE_SLOPES:
         return Finding("parity", Level.FINE, sentence, worst, "", curves)
     remedy = (
         "MJX's collisions are its own for some geoms: build them of spheres and capsules, and converge both solvers"
@@ -48,14 +49,16 @@ def parity(simulation: Simulation, motion: Motion) -> Finding:
 
 def _step_of_c(
     model: mujoco.MjModel, start: mujoco.MjData, qpos: Float[np.ndarray, " nq"], qvel: Float[np.ndarray, " nv"]
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """The next positions and velocities, and the Jacobian [2 nv + na, 2 nv + na] by central differences of 1e-6."""
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray | None]:
+    """The next positions and velocities, and the Jacobian [2 nv + na, 2 nv + na] by central differences of 1e-6, but
+    for RK4, which MuJoCo refuses."""
     data = mujoco.MjData(model)
     for name in ("ctrl", "act", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat", "eq_active"):
         getattr(data, name)[...] = getattr(start, name)
     data.qpos[:], data.qvel[:] = qpos, qvel
     size = 2 * model.nv + model.na
-    jacobian = np.zeros((size, size))
-    mujoco.mjd_transitionFD(model, data, 1e-6, True, jacobian, None, None, None)
+    jacobian = None if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else np.zeros((size, size))
+    if jacobian is not None:
+        mujoco.mjd_transitionFD(model, data, 1e-6, True, jacobian, None, None, None)
     mujoco.mj_step(model, data)
     return (data.qpos.copy(), data.qvel.copy()), jacobian

@@ -86,16 +86,17 @@ def solver(simulation: Simulation, motion: Motion, most: int = 4) -> Finding:
     if correction <= CONVERGED:
         sentence = f"the solver's answers are within {correction:.0e} of the exact ones at every step"
         return Finding("solver", Level.FINE, sentence, correction)
-    gradients, values, numbers = [motion.slopes], [motion.value], [opt.iterations]
-    while len(numbers) <= most and (len(numbers) == 1 or relative(gradients[-1], gradients[-2]) > 1e-4):
+    found, numbers = [motion], [opt.iterations]
+    while len(numbers) <= most and float(found[-1].correction) > CONVERGED and not _settled(found):
         numbers.append(2 * numbers[-1])
         options = {"opt.iterations": numbers[-1], "opt.ls_iterations": max(opt.ls_iterations, 50)}
-        tight = simulation.model.tree_replace({**options, "opt.tolerance": opt.tolerance * 1e-3})
-        better = simulation.run(tight)
-        gradients.append(better.slopes)
-        values.append(better.value)
-    change, moved = relative(gradients[0], gradients[-1]), relative(values[0], values[-1])
-    curves = {"iterations": [float(n) for n in numbers], "gradient norm": [float(np.linalg.norm(g)) for g in gradients]}
+        found.append(simulation.run(simulation.model.tree_replace({**options, "opt.tolerance": opt.tolerance * 1e-3})))
+    change, moved = relative(motion.slopes, found[-1].slopes), relative(motion.value, found[-1].value)
+    curves = {
+        "iterations": [float(n) for n in numbers],
+        "gradient norm": [float(np.linalg.norm(some.slopes)) for some in found],
+        "correction": [float(some.correction) for some in found],
+    }
     sentence = (
         f"with {numbers[0]} iterations the solver's answers are off by up to {correction:.0e}; "
         f"{numbers[-1]} iterations change the gradient by {change:.1%} and the value by {moved:.0e}"
@@ -107,6 +108,14 @@ def solver(simulation: Simulation, motion: Motion, most: int = 4) -> Finding:
     remedy = f"set <option solver='Newton' {enough}>"
     level = Level.FAULT if max(change, correction) > GRAVE else Level.CARE
     return Finding("solver", level, f"this is the gradient of an unconverged solve: {sentence}", change, remedy, curves)
+
+
+def _settled(found: list[Motion]) -> bool:
+    """Whether the last doubling changed neither value nor gradient."""
+    if len(found) < 2:
+        return False
+    last, before = found[-1], found[-2]
+    return max(relative(last.slopes, before.slopes), relative(last.value, before.value)) <= CONVERGED
 
 
 def precision(simulation: Simulation, motion: Motion) -> Finding:

@@ -1,7 +1,7 @@
 """The curves behind a check's finding."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import rc_context
@@ -45,7 +45,7 @@ def draw_finding(finding: Finding) -> Figure:
         others = {name: np.array(y, float) for name, y in finding.curves.items() if name != look.x}
         for i, (name, y) in enumerate(others.items()):
             shown = np.where(y > 0, y, math.nan) if look.scale[1] == "log" else y
-            style = {"color": _COLORS[i % len(_COLORS)], "linestyle": _STYLES[i % len(_STYLES)]}
+            style: dict[str, Any] = {"color": _COLORS[i % len(_COLORS)], "linestyle": _STYLES[i % len(_STYLES)]}
             axes.plot(x, np.where(np.isfinite(shown), shown, math.nan), marker="." * (len(x) < 30), label=name, **style)
         axes.set(xlabel=look.label, ylabel=look.y_label, xscale=look.scale[0])
         if look.scale[1] == "log" and any((y > 0).any() for y in others.values()):
