@@ -17,7 +17,7 @@ from tog_mjx.checks.scene import check_scene
 from tog_mjx.checks.scene_function import load_cost
 from tog_mjx.checks.starts import keyframe_start, saved_start
 from tog_mjx.console import ArgumentParser, run_main
-from tog_mjx.scene import load_scene
+from tog_mjx.scene import compile_model, scene_path
 from tog_mjx.simulate import STEPS
 from tog_mjx.storage import atomic_write, check_writable
 
@@ -29,9 +29,10 @@ def main() -> None:
     for path in (args.json, args.html):
         if path:
             check_writable(path)
-    console = Console(stderr=True, highlight=False)
-    scene = load_scene(args.scene)
-    start = saved_start(scene.model, args.state) if args.state else keyframe_start(scene.model, args.keyframe)
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    path = scene_path(args.scene)
+    model = compile_model(path)
+    start = saved_start(model, args.state) if args.state else keyframe_start(model, args.keyframe)
     with console.status("") as status:
 
         def report(name: str, finding: Finding | None) -> None:
@@ -40,20 +41,21 @@ def main() -> None:
                 console.print(told(finding))
 
         verdict = check_scene(
-            scene.model,
+            model,
             start,
             steps=args.steps,
             wrt=args.wrt,
             output=load_cost(args.cost) if args.cost else args.output,
             differentiation=args.differentiation,
+            path=path,
             quick=args.quick,
             report=report,
         )
     if args.json:
         write_json(args.json, verdict)
     if args.html:
-        write_page(args.html, scene.name, verdict)
-    print(f"{scene.name}: {verdict.subject}: {verdict.line}")
+        write_page(args.html, path.stem, verdict)
+    print(f"{path.stem}: {verdict.subject}: {verdict.line}")
     sys.exit(verdict.exit_status)
 
 

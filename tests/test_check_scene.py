@@ -20,10 +20,9 @@ GALLERY = Path(__file__).parent / "scenes" / "verdicts"
 SCENES = tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]
 NOT_QUICK = ("precision", "reverse mode", "differentiation")
 """Checks that the quick version leaves out."""
-SUPPORTED = [scene for scene in SCENES if scene["check"] != "preflight"]
 
 
-@pytest.mark.parametrize("scene", SUPPORTED, ids=lambda scene: scene["file"])
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene["file"])
 def test_the_gallery_gets_its_verdicts(scene):
     model = compile_model(GALLERY / scene["file"])
     verdict = tog.check_scene(
@@ -33,6 +32,7 @@ def test_the_gallery_gets_its_verdicts(scene):
         wrt=scene["wrt"],
         output=scene["output"],
         differentiation=scene.get("differentiation", "implicit"),
+        path=GALLERY / scene["file"],
         quick=scene["check"] not in NOT_QUICK,
     )
     assert verdict.word == scene["verdict"], verdict.line

@@ -30,9 +30,9 @@ class Finding:
     check: str
     level: Level
     sentence: str
-    value: float | None = None
+    value: int | float | None = None
     remedy: str = ""
-    curves: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    curves: Mapping[str, Sequence[int | float]] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
         """Of numbers, text, lists and None alone: what is not finite is None."""
@@ -53,8 +53,8 @@ class Verdict:
     findings: tuple[Finding, ...]
     variables: tuple[str, ...] = ()
     outputs: tuple[str, ...] = ()
-    value: Sequence[float] = ()
-    gradient: Sequence[Sequence[float]] = ()
+    value: Sequence[int | float] = ()
+    gradient: Sequence[Sequence[int | float]] = ()
 
     @property
     def level(self) -> Level:
@@ -71,8 +71,10 @@ class Verdict:
 
     @property
     def reason(self) -> Finding | None:
-        """The finding that weighs most: of the gravest the first, as checks come in the order of what spoils most."""
-        return next((finding for finding in self.findings if finding.level == self.level > Level.FINE), None)
+        """The finding that weighs most: of the gravest the first, as checks come in the order of what spoils most;
+        what was measured before what is only known of such scenes."""
+        gravest = [finding for finding in self.findings if finding.level == self.level > Level.FINE]
+        return min(gravest, key=lambda finding: finding.check == "preflight", default=None)
 
     @property
     def line(self) -> str:

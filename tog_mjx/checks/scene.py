@@ -1,6 +1,7 @@
 """The checks of a scene."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import jax
 import mujoco
@@ -13,6 +14,7 @@ from tog_mjx.checks.function import directions_at
 from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
 from tog_mjx.checks.parity import parity
+from tog_mjx.checks.preflight import Remark, preflight
 from tog_mjx.checks.scene_function import Cost, SceneFunction
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
@@ -27,15 +29,17 @@ def check_scene(
     wrt: str = "ctrl",
     output: str | Cost = "qpos",
     differentiation: str = "implicit",
+    path: str | Path | None = None,
     quick: bool = False,
     report: Report | None = None,
 ) -> Verdict:
     """Can the gradient of this scene's motion be trusted?
 
     Args:
-      model: any that MJX can simulate.
+      model: any. Of one that MJX cannot simulate the verdict says why not.
       start: the state, and the controls held; the model's initial pose if None. It is left as it is.
       steps, wrt, output, differentiation: see `SceneFunction`.
+      path: the file that the model was read from: the preflight then names its lines.
       quick: leaves out what compiles the motion again: other modes, float32 and the cost.
 
     Raises:
@@ -46,17 +50,27 @@ def check_scene(
     say: Report = report or (lambda *_: None)
     with jax.enable_x64():
         scene = SceneFunction(model, start, steps, wrt, output, differentiation)
-        directions, names = directions_at(scene.scale, list(scene.variables))
+        subject = f"{', '.join(scene.outputs[:3])}{', ...' * (len(scene.outputs) > 3)} after {steps} steps, by {wrt}"
+        say("preflight", None)
+        remarks = preflight(model, path, start, wrt, differentiation)
+        findings = [Finding("preflight", some.level, _sentence(some), None, some.remedy) for some in remarks]
+        for finding in findings:
+            say("preflight", finding)
+        if any(some.blocks for some in remarks):
+            return Verdict(subject, tuple(findings))
         say("motion", None)
+        directions, names = directions_at(scene.scale, list(scene.variables))
         simulation = Simulation(scene, directions)
         motion = simulation.run()
-        findings = []
         for name, check in _checks(simulation, motion, names, quick):
             say(name, None)
             findings.append(check())
             say(name, findings[-1])
-    subject = f"{', '.join(scene.outputs[:3])}{', ...' * (len(scene.outputs) > 3)} after {steps} steps, by {wrt}"
     return Verdict(subject, tuple(findings), names, scene.outputs, motion.value.tolist(), motion.slopes.tolist())
+
+
+def _sentence(remark: Remark) -> str:
+    return remark.what + (f" ({remark.where})" if remark.where else "")
 
 
 def _checks(
