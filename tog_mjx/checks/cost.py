@@ -33,7 +33,7 @@ def cost(simulation: Simulation) -> Finding:
         for row in rows
         if np.isfinite(row["run s"])
     )
-    sentence = f"for {n} variables {best['way']} is the fastest gradient ({told})"
+    sentence = f"for {n} variable{'s' * (n > 1)} {best['way']} is the fastest gradient ({told})"
     curves = {f"{row['way']}: compile s, run s, MB": [row[key] for key in ("compile s", "run s", "MB")] for row in rows}
     return Finding("cost", Level.FINE, sentence, best["run s"], "", curves)
 

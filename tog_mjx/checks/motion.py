@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from tog_mjx._mjx import mjx, put_model
 from tog_mjx.batches import map_points
 from tog_mjx.checks.scene_function import STATE, SceneFunction
+from tog_mjx.checks.tangents import in_velocity_space, state_basis
 from tog_mjx.constraints import constraint_force, constraint_hessian, read_rows
 from tog_mjx.simulate import STEPS
 from tog_mjx.step_check import compile_quickly
@@ -59,10 +59,8 @@ class Simulation:
         self.scene, self.directions = scene, directions
         self.model = put_model(scene.model)
         self.data = scene.base(self.model)
-        k = directions.shape[1]
-        model = scene.model
-        self._basis = _state_basis(model, np.asarray(self.data.qpos)) if states else np.zeros((0, 0))
-        self._rows = k + (2 * model.nv + model.na if states else 0)
+        self._states = 2 * scene.model.nv + scene.model.na if states else 0
+        self._rows = directions.shape[1] + self._states
         self._run = compile_quickly(self._motion)
 
     @functools.cached_property
@@ -79,7 +77,7 @@ class Simulation:
         k = self.directions.shape[1]
         used = found["time"] >= 0
         qpos, change = found["qpos"][used], found["change"][used]  # [S, nq], [S, K, nq + nv + na]
-        tangent = np.stack([_tangents(self.scene.model, q, c) for q, c in zip(qpos, change, strict=True)])
+        tangent = np.stack([in_velocity_space(self.scene.model, q, c) for q, c in zip(qpos, change, strict=True)])
         return Motion(
             value=found["value"],
             slopes=found["slopes"].T[:, :k],
@@ -112,10 +110,10 @@ class Simulation:
     def _tangents(self, data: mjx.Data) -> dict[str, Array]:
         """Tangents of the initial state [K, ...] beside those that the variables bring."""
         zeros = {name: jnp.zeros((self._rows, *getattr(data, name).shape)) for name in STATE}
-        if not self._basis.size:
+        if not self._states:
             return zeros
         model, k = self.scene.model, self.directions.shape[1]
-        basis = _state_basis(model, np.asarray(data.qpos))
+        basis = state_basis(model, np.asarray(data.qpos))
         parts = dict(
             zip(("qpos", "qvel", "act"), np.split(basis, [model.nq, model.nq + model.nv], axis=1), strict=True)
         )
@@ -224,47 +222,3 @@ def _note(record: dict, i: Array, stride: Array, state: dict, change: dict, stag
 
 def _is_bad(tree: Any) -> Array:
     return ~jnp.array([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(tree)]).all()
-
-
-def _turns(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """Where quaternions are in qpos, and their angular velocities in qvel."""
-    free, ball = int(mujoco.mjtJoint.mjJNT_FREE), int(mujoco.mjtJoint.mjJNT_BALL)
-    skip = {free: 3, ball: 0}
-    return [
-        (int(q) + skip[int(kind)], int(v) + skip[int(kind)])
-        for kind, q, v in zip(model.jnt_type, model.jnt_qposadr, model.jnt_dofadr, strict=True)
-        if int(kind) in skip
-    ]
-
-
-def _position_basis(model: mujoco.MjModel, qpos: Float[np.ndarray, " nq"]) -> Float[np.ndarray, "nq nv"]:
-    """The derivative of the displaced positions in a displacement of velocity space."""
-    basis = np.zeros((model.nq, model.nv))
-    turns = _turns(model)
-    turning = {q + i for q, _ in turns for i in range(4)}, {v + i for _, v in turns for i in range(3)}
-    q_plain = [q for q in range(model.nq) if q not in turning[0]]
-    v_plain = [v for v in range(model.nv) if v not in turning[1]]
-    basis[q_plain, v_plain] = 1.0
-    for q, v in turns:
-        w, x, y, z = qpos[q : q + 4]
-        basis[q : q + 4, v : v + 3] = 0.5 * np.array([[-x, -y, -z], [w, -z, y], [z, w, -x], [-y, x, w]])
-    return basis
-
-
-def _state_basis(model: mujoco.MjModel, qpos: Float[np.ndarray, " nq"]) -> np.ndarray:
-    """Tangents [2 nv + na, nq + nv + na] of unit changes of positions (in velocity space), velocities, activations."""
-    blocks = [_position_basis(model, qpos).T, np.eye(model.nv), np.eye(model.na)]
-    rows, columns = [len(block) for block in blocks], [block.shape[1] for block in blocks]
-    basis = np.zeros((sum(rows), sum(columns)))
-    row = column = 0
-    for block in blocks:
-        basis[row : row + block.shape[0], column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
-    return basis
-
-
-def _tangents(model: mujoco.MjModel, qpos: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """Changes [K, nq + nv + na] in velocity space, [K, 2 nv + na]: of a unit quaternion, twice the part along it."""
-    basis = _position_basis(model, qpos)
-    inverse = basis / np.maximum((basis**2).sum(0), 1e-30)
-    return np.concatenate([change[:, : model.nq] @ inverse, change[:, model.nq :]], axis=1)
