@@ -1,5 +1,7 @@
 """tog_mjx: exact against stochastic gradients through contact, on MuJoCo MJX."""
 
+from tog_mjx.checks.function import check as check
+from tog_mjx.checks.scene import check_scene as check_scene
 from tog_mjx.errors import InputError as InputError
 from tog_mjx.implicit import step as step
 from tog_mjx.rollout import Trajectory as Trajectory

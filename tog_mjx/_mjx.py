@@ -26,6 +26,8 @@ def check_version(version: str) -> None:
 check_version(importlib.metadata.version("mujoco-mjx"))
 with contextlib.redirect_stdout(io.StringIO()):
     from mujoco import mjx as mjx
+    from mujoco.mjx._src.collision_driver import geom_pairs as geom_pairs
+    from mujoco.mjx._src.collision_driver import has_collision_fn as has_collision_fn
 
 
 def put_model(model: mujoco.MjModel) -> mjx.Model:

@@ -40,7 +40,7 @@ def integrate(model: mjx.Model, data: mjx.Data, forward: Forward) -> mjx.Data:
             raise InputError(
                 f"integrator {other} is not one of MJX's; set <option integrator> to Euler, implicitfast or RK4"
             )
-    qpos = _positions(model, data.qpos, after.qvel)
+    qpos = positions_after(model, data.qpos, model.opt.timestep * after.qvel)
     return after.replace(qpos=with_derivative_of(after.qpos, qpos))
 
 
@@ -49,17 +49,16 @@ def with_derivative_of(value: Tree, differentiable: Tree) -> Tree:
     return jax.tree.map(lambda v, d: jax.lax.stop_gradient(v) + (d - jax.lax.stop_gradient(d)), value, differentiable)
 
 
-def _positions(model: mjx.Model, qpos: Float[Array, " nq"], qvel: Float[Array, " nv"]) -> Float[Array, " nq"]:
-    """Positions one time step on, at constant velocity."""
-    dt = model.opt.timestep
+def positions_after(model: mjx.Model, qpos: Float[Array, " nq"], change: Float[Array, " nv"]) -> Float[Array, " nq"]:
+    """Positions displaced by `change`, a velocity times a duration."""
     pieces = []
     for kind, q, v in zip(model.jnt_type, model.jnt_qposadr, model.jnt_dofadr, strict=True):
         if kind == mjx.JointType.FREE:
-            pieces += [qpos[q : q + 3] + dt * qvel[v : v + 3], _rotate(qpos[q + 3 : q + 7], dt * qvel[v + 3 : v + 6])]
+            pieces += [qpos[q : q + 3] + change[v : v + 3], _rotate(qpos[q + 3 : q + 7], change[v + 3 : v + 6])]
         elif kind == mjx.JointType.BALL:
-            pieces.append(_rotate(qpos[q : q + 4], dt * qvel[v : v + 3]))
+            pieces.append(_rotate(qpos[q : q + 4], change[v : v + 3]))
         else:
-            pieces.append(qpos[q : q + 1] + dt * qvel[v : v + 1])
+            pieces.append(qpos[q : q + 1] + change[v : v + 1])
     return jnp.concatenate(pieces) if pieces else qpos
 
 
@@ -77,7 +76,9 @@ def _coast(model: mjx.Model, data: mjx.Data, qvel: Float[Array, " nv"]) -> mjx.D
     plain = model.opt.disableflags | mjx.DisableBit.EULERDAMP
     model = model.replace(opt=model.opt.replace(disableflags=plain))
     after = mjx.euler(model, data.replace(qvel=qvel, qacc=jnp.zeros_like(data.qacc)))
-    return after.replace(qpos=with_derivative_of(after.qpos, _positions(model, data.qpos, qvel)))
+    return after.replace(
+        qpos=with_derivative_of(after.qpos, positions_after(model, data.qpos, model.opt.timestep * qvel))
+    )
 
 
 def _runge_kutta_4(model: mjx.Model, data: mjx.Data, forward: Forward) -> mjx.Data:

@@ -1,18 +1,17 @@
 """What MJX's JAX implementation cannot simulate, or would ignore in silence, told with the name of the element.
 
-`mjx.put_model` and `mjx.make_data` are the authority on what is supported; they name the feature but not the element.
-This finds the element.
+`mjx.put_model` and `mjx.make_data` are the authority on what is supported, but they stop at the first feature and do
+not name the element, and some features fail only in `mjx.step`. This finds them all, without compiling anything.
 """
 
-import itertools
-import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from tog_mjx._mjx import make_data, mjx, put_model
+from tog_mjx._mjx import geom_pairs, has_collision_fn, make_data, mjx, put_model
 from tog_mjx.errors import InputError
 
 # Elements, the field of the model with their type, what MJX supports of it, and MuJoCo's own enumeration.
@@ -24,24 +23,109 @@ _TYPED_ELEMENTS = (
     ("equality", "eq_type", mjx.EqType, mujoco.mjtEq),
     ("sensor", "sensor_type", mjx.SensorType, mujoco.mjtSensor),
 )
+_INTEGRATORS = (mjx.IntegratorType.EULER, mjx.IntegratorType.RK4, mjx.IntegratorType.IMPLICITFAST)
+"""`mjx.put_model` takes `discrete` too, but `mjx.step` does not."""
 _OPTIONS = (
-    ("integrator", mjx.IntegratorType, mujoco.mjtIntegrator),
+    ("integrator", _INTEGRATORS, mujoco.mjtIntegrator),
     ("cone", mjx.ConeType, mujoco.mjtCone),
     ("solver", mjx.SolverType, mujoco.mjtSolver),
 )
+_MARGINLESS = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)
+_IGNORED = (
+    ("actuator", "actuator_delay", "the delay"),
+    ("actuator", "actuator_damping", "the damping"),
+    ("actuator", "actuator_dampingpoly", "the damping"),
+    ("actuator", "actuator_armature", "the armature"),
+    ("joint", "jnt_stiffnesspoly", "the higher powers of the stiffness"),
+    ("joint", "jnt_springyield", "the springyield"),
+    ("joint", "dof_dampingpoly", "the higher powers of the damping"),
+    ("tendon", "tendon_stiffnesspoly", "the higher powers of the stiffness"),
+    ("tendon", "tendon_dampingpoly", "the higher powers of the damping"),
+    ("tendon", "tendon_springyield", "the springyield"),
+    ("geom", "geom_surfacevel", "the surfacevel"),
+    ("geom", "geom_adhesion", "the adhesion"),
+    ("pair", "pair_adhesion", "the adhesion"),
+)
+"""Elements, and fields of the model that MJX does not read: what it ignores where they are not zero."""
+
+
+class Culprit(NamedTuple):
+    """What is wrong, and the elements of which: (kind, number); of an option, the name of its attribute alone."""
+
+    what: str
+    elements: tuple[tuple[str, int], ...] = ()
+    attribute: str = ""
 
 
 def check_supported(model: mujoco.MjModel, path: str | Path) -> None:
-    """Raises InputError, one line naming element and feature, if MJX cannot simulate `model`, read from `path`."""
-    if ignored := list(_ignored(model)):
-        raise InputError(f"{path}: MJX ignores {'; '.join(ignored)}, so the motion would be another one; remove it")
+    """Raises InputError, one line naming elements and features, if MJX cannot simulate `model`, read from `path`."""
+    if found := list(unsupported(model)):
+        raise InputError(f"{path}: MJX does not support {_listed(found)}; remove or replace it")
+    if found := list(ignored(model)):
+        raise InputError(f"{path}: MJX ignores {_listed(found)}, so the motion would be another one; remove it")
     try:
         make_data(put_model(model))
     except (NotImplementedError, ValueError) as error:
         reason = " ".join(str(error).split()).rstrip(".")
-        culprits = [*_options(model), *_elements(model), *_collisions(model, reason), *_others(model, reason)]
-        detail = f"{'; '.join(culprits)}" if culprits else reason
-        raise InputError(f"{path}: MJX does not support {detail}; remove or replace it") from None
+        raise InputError(f"{path}: MJX does not support {reason}; remove or replace it") from None
+
+
+def unsupported(model: mujoco.MjModel) -> Iterator[Culprit]:
+    """What MJX refuses, in `mjx.put_model`, `mjx.make_data` or `mjx.step`."""
+    yield from _options(model)
+    yield from _elements(model)
+    yield from _collisions(model)
+
+
+def ignored(model: mujoco.MjModel) -> Iterator[Culprit]:
+    """What MJX takes without a word and does not simulate."""
+    for i in range(model.nplugin):
+        yield Culprit(f"plugin {name_of(model, 'plugin', i)}")
+    for i in np.flatnonzero(model.actuator_plugin >= 0).tolist():
+        yield Culprit(f"the plugin of actuator {name_of(model, 'actuator', i)}", (("actuator", i),))
+    for kind, field, what in _IGNORED:
+        values = getattr(model, field)
+        given = values.any(axis=tuple(range(1, values.ndim)))
+        numbers = model.dof_jntid[given] if field.startswith("dof_") else np.flatnonzero(given)
+        for i in sorted({int(number) for number in numbers}):
+            yield Culprit(f"{what} of {kind} {name_of(model, kind, i)}", ((kind, i),))
+    for i in np.flatnonzero(model.geom_fluid[:, 0] * has_fluid(model)).tolist():
+        yield Culprit(f"fluidshape='ellipsoid' of geom {name_of(model, 'geom', i)}", (("geom", i),))
+    if model.opt.noslip_iterations:
+        yield Culprit(f"<option noslip_iterations='{model.opt.noslip_iterations}'>", attribute="noslip_iterations")
+    if model.opt.disableactuator:
+        yield Culprit("<option actuatorgroupdisable>", attribute="actuatorgroupdisable")
+
+
+def name_of(model: mujoco.MjModel, kind: str, i: int) -> str:
+    """An element's name; without one its number, for a geom or a joint in its body."""
+    objects = {"plugin": mujoco.mjtObj.mjOBJ_PLUGIN, "flex": mujoco.mjtObj.mjOBJ_FLEX}
+    name = mujoco.mj_id2name(model, objects[kind], i) if kind in objects else getattr(model, kind)(i).name
+    if name or kind not in ("geom", "joint"):
+        return name or f"number {i}"
+    body = int((model.geom_bodyid if kind == "geom" else model.jnt_bodyid)[i])
+    return f"number {i} (of body {name_of(model, 'body', body)})"
+
+
+def type_of(model: mujoco.MjModel, geom: int) -> str:
+    """`cylinder`."""
+    return _label(mujoco.mjtGeom, model.geom_type[geom])
+
+
+def has_fluid(model: mujoco.MjModel) -> bool:
+    """Whether there is a medium."""
+    return bool(model.opt.density > 0 or model.opt.viscosity > 0 or model.opt.wind.any())
+
+
+def candidates(model: mujoco.MjModel) -> list[tuple[int, int, int]]:
+    """The geoms that MJX collides, ordered by their types, and the number of their <pair>, -1 without one."""
+    if model.opt.disableflags & (mjx.DisableBit.CONTACT | mjx.DisableBit.CONSTRAINT):
+        return []
+    return [(int(first), int(second), int(pair)) for first, second, pair in geom_pairs(model)]
+
+
+def _listed(found: list[Culprit]) -> str:
+    return "; ".join(culprit.what for culprit in found)
 
 
 def _label(enumeration, value) -> str:
@@ -49,71 +133,88 @@ def _label(enumeration, value) -> str:
     return enumeration(int(value)).name.split("_", 1)[1].lower()
 
 
-def _name(model: mujoco.MjModel, kind: mujoco.mjtObj, i: int) -> str:
-    return mujoco.mj_id2name(model, kind, i) or f"number {i}"
-
-
-def _ignored(model: mujoco.MjModel) -> Iterator[str]:
-    """What MJX takes without a word and does not simulate."""
-    for i in range(model.nplugin):
-        yield f"plugin {_name(model, mujoco.mjtObj.mjOBJ_PLUGIN, i)}"
-    for i in np.flatnonzero(model.actuator_plugin >= 0).tolist():
-        yield f"the plugin of actuator {_name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)}"
-    for i in np.flatnonzero(model.actuator_delay > 0).tolist():
-        yield f"the delay of actuator {_name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i)}"
-    if model.opt.noslip_iterations:
-        yield f"<option noslip_iterations='{model.opt.noslip_iterations}'>"
-
-
-def _options(model: mujoco.MjModel) -> Iterator[str]:
+def _options(model: mujoco.MjModel) -> Iterator[Culprit]:
     for name, supported, enumeration in _OPTIONS:
         value = int(getattr(model.opt, name))
         if value not in set(supported):
-            yield f"<option {name}={_label(enumeration, value)!r}>"
+            yield Culprit(f"<option {name}={_label(enumeration, value)!r}>", attribute=name)
     for bit in range(int(mujoco.mjtEnableBit.mjNENABLE)):
         if model.opt.enableflags & 2**bit and 2**bit not in set(mjx.EnableBit):
-            yield f"<flag {_label(mujoco.mjtEnableBit, 2**bit)}='enable'>"
+            name = _label(mujoco.mjtEnableBit, 2**bit)
+            yield Culprit(f"<flag {name}='enable'>", attribute=name)
+    if model.opt.integrator == mjx.IntegratorType.IMPLICITFAST and has_fluid(model):
+        yield Culprit("<option integrator='implicitfast'> with a density, viscosity or wind", attribute="integrator")
+    if model.opt.cone == mjx.ConeType.ELLIPTIC and _has_other_rows(model) and not list(geom_pairs(model)):
+        # Stock MJX indexes an empty array there.
+        yield Culprit("<option cone='elliptic'> with constraints but no geoms that can meet", attribute="cone")
 
 
-def _elements(model: mujoco.MjModel) -> Iterator[str]:
+def _has_other_rows(model: mujoco.MjModel) -> bool:
+    """Whether there are constraints other than contacts, which are computed beside them."""
+    off = mjx.DisableBit
+    rows = (
+        (off.EQUALITY, model.neq),
+        (off.FRICTIONLOSS, (model.dof_frictionloss > 0).any() or (model.tendon_frictionloss > 0).any()),
+        (off.LIMIT, model.jnt_limited.any() or model.tendon_limited.any()),
+    )
+    if model.opt.disableflags & (off.CONSTRAINT | off.CONTACT):
+        return False
+    return any(bool(given) and not model.opt.disableflags & flag for flag, given in rows)
+
+
+def _elements(model: mujoco.MjModel) -> Iterator[Culprit]:
     for kind, field, supported, enumeration in _TYPED_ELEMENTS:
         for i, value in enumerate(getattr(model, field)):
             if value not in set(supported):
-                name = getattr(model, kind)(i).name or f"number {i}"
-                yield f"{kind} {name} ({field.split('_')[1]} {_label(enumeration, value)})"
+                described = f"{field.split('_')[1]} {_label(enumeration, value)}"
+                yield Culprit(f"{kind} {name_of(model, kind, i)} ({described})", ((kind, i),))
     for i in range(model.nflex):
-        yield f"flex {_name(model, mujoco.mjtObj.mjOBJ_FLEX, i)}"
+        yield Culprit(f"flex {name_of(model, 'flex', i)}")
+    for i in np.flatnonzero(model.sensor_type == mujoco.mjtSensor.mjSENS_CONTACT).tolist():
+        if reason := _refused_contact_sensor(model, i):
+            yield Culprit(f"sensor {name_of(model, 'sensor', i)} ({reason})", (("sensor", i),))
 
 
-def _collisions(model: mujoco.MjModel, reason: str) -> Iterator[str]:
-    """The first geoms that can meet and are of the two types in MJX's message `(type, type) ... not implemented`."""
-    types = sorted(re.findall(r"mjGEOM_\w+", reason))
-    if len(types) != 2:
-        return
-    what = "the margin or gap" if "margin" in reason else "the collision"
-    explicit = zip(model.pair_geom1, model.pair_geom2, strict=True)
-    dynamic = (pair for pair in itertools.combinations(range(model.ngeom), 2) if _may_collide(model, *pair))
-    for pair in itertools.chain(explicit, dynamic):
-        kinds = [mujoco.mjtGeom(int(model.geom_type[geom])) for geom in pair]
-        if sorted(kind.name for kind in kinds) == types:
-            names = [_name(model, mujoco.mjtObj.mjOBJ_GEOM, int(geom)) for geom in pair]
-            described = [f"geom {n} ({_label(mujoco.mjtGeom, k)})" for n, k in zip(names, kinds, strict=True)]
-            yield f"{what} of {described[0]} with {described[1]}"
-            return
+def _refused_contact_sensor(model: mujoco.MjModel, i: int) -> str:
+    kinds = {int(model.sensor_objtype[i]), int(model.sensor_reftype[i])}
+    if int(model.sensor_objtype[i]) == mujoco.mjtObj.mjOBJ_SITE:
+        return "a contact sensor that matches by site"
+    if kinds & {int(mujoco.mjtObj.mjOBJ_BODY), int(mujoco.mjtObj.mjOBJ_XBODY)}:
+        return "a contact sensor that matches by body or subtree"
+    is_net = model.sensor_intprm[i, 1] == 3
+    return "a contact sensor that reduces to a net force" if is_net else ""
 
 
-def _may_collide(model: mujoco.MjModel, geom1: int, geom2: int) -> bool:
-    """MuJoCo's rules: matching masks, other bodies, and not a body with its parent unless that is the world."""
-    mask = model.geom_contype[geom1] & model.geom_conaffinity[geom2]
-    mask |= model.geom_contype[geom2] & model.geom_conaffinity[geom1]
-    welds = [int(model.body_weldid[model.geom_bodyid[geom]]) for geom in (geom1, geom2)]
-    parents = [int(model.body_weldid[model.body_parentid[weld]]) for weld in welds]
-    is_family = 0 not in welds and (welds[0] == parents[1] or welds[1] == parents[0])
-    return bool(mask and welds[0] != welds[1] and not is_family)
+def _collisions(model: mujoco.MjModel) -> Iterator[Culprit]:
+    """Pairs of geoms that MJX does not collide, or not so: each kind of them once, with the geoms of the first."""
+    found: dict[tuple[str, str, str], list[tuple[int, int]]] = {}
+    for first, second, pair in geom_pairs(model):
+        if what := _refused(model, int(first), int(second), int(pair)):
+            key = what, type_of(model, first), type_of(model, second)
+            found.setdefault(key, []).append((int(first), int(second)))
+    for (what, *types), pairs in found.items():
+        names = [f"geom {name_of(model, 'geom', geom)} ({kind})" for geom, kind in zip(pairs[0], types, strict=True)]
+        more = f" and {len(pairs) - 1} more such pairs" if len(pairs) > 1 else ""
+        yield Culprit(f"{what} of {names[0]} with {names[1]}{more}", tuple(("geom", geom) for geom in pairs[0]))
 
 
-def _others(model: mujoco.MjModel, reason: str) -> Iterator[str]:
-    """Features whose message tells all but the name."""
-    if "ontact sensor" in reason:
-        for i in np.flatnonzero(model.sensor_type == mujoco.mjtSensor.mjSENS_CONTACT).tolist():
-            yield f"sensor {_name(model, mujoco.mjtObj.mjOBJ_SENSOR, i)}: {reason}"
+def _refused(model: mujoco.MjModel, first: int, second: int, pair: int) -> str:
+    """What of the collision of two geoms MJX refuses; empty if nothing."""
+    types = model.geom_type[[first, second]].tolist()
+    if not has_collision_fn(*types):
+        return "the collision"
+    margin = model.pair_margin[pair] if pair >= 0 else model.geom_margin[[first, second]].sum()
+    if margin and any(kind in _MARGINLESS for kind in types):
+        return "the margin or gap"
+    if model.opt.cone == mjx.ConeType.ELLIPTIC and _condim(model, first, second, pair) == 1:
+        return "condim='1' on the elliptic cone, for the contact"
+    return ""
+
+
+def _condim(model: mujoco.MjModel, first: int, second: int, pair: int) -> int:
+    """The dimension of a contact of two geoms: the pair's, the one of higher priority's, else the larger."""
+    if pair >= 0:
+        return int(model.pair_dim[pair])
+    geoms = np.array([first, second])
+    priorities = model.geom_priority[geoms]
+    return int(model.geom_condim[geoms[priorities == priorities.max()]].max())

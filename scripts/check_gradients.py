@@ -1,0 +1,90 @@
+"""Can the gradient of this scene be trusted? A preflight, a dozen checks, and one line: the verdict.
+
+Any MJCF file that MJX can simulate. Exit status: 0 trust, 1 trust with care, 3 do not trust, 2 for bad input.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+
+from tog_mjx.checks.finding import Finding, Level, Verdict
+from tog_mjx.checks.page import write_page
+from tog_mjx.checks.scene import check_scene
+from tog_mjx.checks.scene_function import load_cost
+from tog_mjx.checks.starts import keyframe_start, saved_start
+from tog_mjx.console import ArgumentParser, run_main
+from tog_mjx.scene import compile_model, scene_path
+from tog_mjx.simulate import STEPS
+from tog_mjx.storage import atomic_write, check_writable
+
+_MARKS = {Level.FINE: "[green]fine [/]", Level.CARE: "[yellow]care [/]", Level.FAULT: "[red]fault[/]"}
+
+
+def main() -> None:
+    args = parse_arguments()
+    for path in (args.json, args.html):
+        if path:
+            check_writable(path)
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    path = scene_path(args.scene)
+    model = compile_model(path)
+    start = saved_start(model, args.state) if args.state else keyframe_start(model, args.keyframe)
+    with console.status("") as status:
+
+        def report(name: str, finding: Finding | None) -> None:
+            status.update(name)
+            if finding:
+                console.print(told(finding))
+
+        verdict = check_scene(
+            model,
+            start,
+            steps=args.steps,
+            wrt=args.wrt,
+            output=load_cost(args.cost) if args.cost else args.output,
+            differentiation=args.differentiation,
+            path=path,
+            quick=args.quick,
+            report=report,
+        )
+    if args.json:
+        write_json(args.json, verdict)
+    if args.html:
+        write_page(args.html, path.stem, verdict)
+    print(f"{path.stem}: {verdict.subject}: {verdict.line}")
+    sys.exit(verdict.exit_status)
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scene", help="an MJCF file, or flip or grasp")
+    parser.add_argument("--steps", type=int, default=100, metavar="N", help="time steps (default: %(default)s)")
+    parser.add_argument("--wrt", default="ctrl", help="ctrl, qpos, qvel or a field of mjx.Model (default: %(default)s)")
+    parser.add_argument("--output", default="qpos", help="qpos, qvel, or the name of a site (default: %(default)s)")
+    parser.add_argument("--cost", metavar="PACKAGE.MODULE:FUNCTION", help="of the last mjx.Data; in place of --output")
+    parser.add_argument("--differentiation", choices=list(STEPS), default="implicit", help="default: %(default)s")
+    begin = parser.add_mutually_exclusive_group()
+    begin.add_argument("--state", type=Path, metavar="FILE", help="a .npz or .json with qpos, qvel, act, ctrl")
+    begin.add_argument("--keyframe", metavar="NAME", help="default: the first, or else the initial pose")
+    parser.add_argument("--quick", action="store_true", help="leave out other modes, float32, and what it costs")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write the verdict there")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with the curves there")
+    return parser.parse_args()
+
+
+def told(finding: Finding) -> str:
+    remedy = f"\n      [dim]{escape(finding.remedy)}[/]" if finding.remedy else ""
+    return f"{_MARKS[finding.level]} [bold]{finding.check}[/]: {escape(finding.sentence)}{remedy}"
+
+
+def write_json(path: Path, verdict: Verdict) -> None:
+    with atomic_write(path) as file:
+        file.write(json.dumps(verdict.as_json(), indent=1, allow_nan=False).encode())
+
+
+if __name__ == "__main__":
+    run_main(main)

@@ -1,0 +1,126 @@
+"""`tog.check` on functions of one known fault each."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import tog_mjx as tog
+from tog_mjx.checks.finding import Level
+
+
+@pytest.fixture(autouse=True)
+def double():
+    with jax.enable_x64():
+        yield
+
+
+def smooth(x):
+    return jnp.sin(x).sum() + x[0] * x[1]
+
+
+def bent(x):
+    return jnp.abs(x[0]) + x[1]
+
+
+def nothing_at_zero(x):
+    return jnp.sqrt(x[0] ** 2) + x[1]
+
+
+def dropped(x):
+    return jax.lax.stop_gradient(x[0]) ** 2 + x[1]
+
+
+def unused(x):
+    return x[1] ** 2
+
+
+def flat_here(x):
+    return jnp.floor(3 * x[0]) + x[1]
+
+
+def looped(x):
+    return jax.lax.while_loop(lambda s: s[0] < 3, lambda s: (s[0] + 1, s[1] * 1.5), (0, x.sum()))[1]
+
+
+def cancelling(x):
+    """(x - 1)^7, multiplied out: near 1 the terms cancel but for a millionth."""
+    return jnp.polyval(jnp.array([1.0, -7, 21, -35, 35, -21, 7, -1]), x[0])
+
+
+@jax.custom_jvp
+def wrong(x):
+    return (x**2).sum()
+
+
+wrong.defjvp(lambda primals, tangents: (wrong(*primals), 2.2 * primals[0] @ tangents[0]))
+
+
+def rough(x):
+    """As autodiff sees a function with noise on it: the noise is not differentiated."""
+    return x.sum() + 1e-2 * jax.lax.stop_gradient(jnp.sin(jnp.sqrt(2.0) * 1e9 * x[0] ** 2))
+
+
+@pytest.mark.parametrize(
+    ("function", "x", "level", "check", "words"),
+    [
+        (smooth, [0.3, 0.7], Level.FINE, None, "no check found a fault"),
+        (bent, [0.0, 1.0], Level.CARE, "agreement", "kink"),
+        (nothing_at_zero, [0.0, 1.0], Level.FAULT, "finite", "the gradient is NaN or infinite"),
+        (dropped, [0.5, 1.0], Level.FAULT, "zeros", "x[0]: autodiff says zero"),
+        (
+            unused,
+            [0.5, 1.0],
+            Level.CARE,
+            "zeros",
+            "1 of 2 derivatives are zero (x[0]): the output does not",
+        ),
+        (flat_here, [0.6, 1.0], Level.CARE, "zeros", "longer steps only"),
+        (looped, [0.5, 1.0], Level.CARE, "reverse mode", "unknown length"),
+        (cancelling, [1.05], Level.FAULT, "precision", "float32"),
+        (wrong, [0.5, 1.0], Level.FAULT, "agreement", "wrong by 9e-02"),
+        (rough, [0.5, 1.0], Level.CARE, "agreement", "never settle"),
+    ],
+)
+def test_each_fault_is_named(function, x, level, check, words):
+    verdict = tog.check(function, np.array(x))
+    assert verdict.level == level
+    assert (verdict.reason.check if verdict.reason else None) == check
+    assert words in verdict.line
+
+
+def test_the_gradient_is_in_the_verdict():
+    verdict = tog.check(smooth, np.array([0.3, 0.7]))
+    np.testing.assert_allclose(verdict.gradient, [[np.cos(0.3) + 0.7, np.cos(0.7) + 0.3]], rtol=1e-12)
+    np.testing.assert_allclose(verdict.value, [np.sin(0.3) + np.sin(0.7) + 0.21], rtol=1e-12)
+
+
+def test_of_many_variables_directions_are_taken():
+    verdict = tog.check(lambda x: (x**2).sum(), np.linspace(-1, 1, 50))
+    assert verdict.level == Level.FINE
+    assert len(verdict.variables) == 6
+
+
+def test_the_best_step_of_the_v_is_that_of_theory():
+    """The error of central differences is h^2 |f'''| / 6 + eps |f| / h, least at about (3 eps)^(1/3) = 9e-6."""
+    verdict = tog.check(lambda x: jnp.exp(x[0]), np.array([0.0]))
+    curves = next(finding for finding in verdict.findings if finding.check == "agreement").curves
+    best = curves["step"][int(np.nanargmin(curves["error"]))]
+    assert 1e-6 < best < 1e-4
+    np.testing.assert_allclose(curves["error"][0], 0.1**2 / 6, rtol=0.01)
+
+
+@pytest.mark.parametrize("x", [np.zeros((2, 2)), np.zeros(0), np.array([np.nan])])
+def test_a_point_that_is_none_is_refused(x):
+    with pytest.raises(tog.InputError, match="vector of finite numbers"):
+        tog.check(smooth, x)
+
+
+def test_a_verdict_is_plain_json():
+    found = json.loads(json.dumps(tog.check(nothing_at_zero, np.array([0.0, 1.0])).as_json(), allow_nan=False))
+    assert found["verdict"] == "do not trust"
+    assert found["reason"] == "finite"
+    assert found["gradient"] == [[None, None]]
+    assert [finding["level"] for finding in found["findings"]][:1] == ["fault"]

@@ -1,0 +1,150 @@
+"""`tog.check_scene` on the gallery: scenes whose fault, or lack of one, is known."""
+
+import json
+import tomllib
+from pathlib import Path
+
+import jax
+import mujoco
+import numpy as np
+import pytest
+
+import tog_mjx as tog
+from tog_mjx.checks.finding import Level
+from tog_mjx.checks.motion import NEVER, Simulation
+from tog_mjx.checks.scene_function import SceneFunction
+from tog_mjx.checks.starts import keyframe_start, saved_start
+from tog_mjx.scene import compile_model
+
+GALLERY = Path(__file__).parent / "scenes" / "verdicts"
+SCENES = tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]
+NOT_QUICK = ("precision", "reverse mode", "differentiation")
+"""Checks that the quick version leaves out."""
+
+
+@pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene["file"])
+def test_the_gallery_gets_its_verdicts(scene):
+    model = compile_model(GALLERY / scene["file"])
+    verdict = tog.check_scene(
+        model,
+        keyframe_start(model),
+        steps=scene["steps"],
+        wrt=scene["wrt"],
+        output=scene["output"],
+        differentiation=scene.get("differentiation", "implicit"),
+        path=GALLERY / scene["file"],
+        quick=scene["check"] not in NOT_QUICK,
+    )
+    assert verdict.word == scene["verdict"], verdict.line
+    if scene["check"]:
+        named = [finding.check for finding in verdict.findings if finding.level > Level.FINE]
+        assert scene["check"] in named
+    json.dumps(verdict.as_json(), allow_nan=False)
+
+
+PENDULUM = """
+<mujoco>
+  <option timestep="0.001" gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="hinge" axis="0 1 0" damping="0.5" stiffness="4"/><geom size="0.1" pos="0 0 0.5" mass="2"/></body>
+    <body pos="2 0 0"><freejoint/><geom size="0.1" mass="1"/><site name="mark" pos="0 0.2 0"/></body>
+  </worldbody>
+  <actuator><motor name="push" joint="hinge"/></actuator>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def pendulum() -> mujoco.MjModel:
+    return mujoco.MjModel.from_xml_string(PENDULUM)
+
+
+def test_a_state_jacobian_is_that_of_c_mujoco(pendulum):
+    """A hinge and a free body, turning: the product of C MuJoCo's Jacobians, step by step, in velocity space."""
+    data = mujoco.MjData(pendulum)
+    data.qpos[0], data.qvel[:] = 0.3, [0.5, 0.1, 0.2, -0.3, 1.0, -2.0, 0.7]
+    scene = SceneFunction(pendulum, data, 20, "qvel", "mark")
+    motion = Simulation(scene, np.eye(7)).run()
+    expected = np.eye(14)
+    for _ in range(20):
+        step = np.zeros((14, 14))
+        mujoco.mjd_transitionFD(pendulum, data, 1e-6, True, step, None, None, None)
+        expected = step @ expected
+        mujoco.mj_step(pendulum, data)
+    np.testing.assert_allclose(motion.jacobians[-1], expected, rtol=0, atol=1e-6)
+    mujoco.mj_kinematics(pendulum, data)
+    np.testing.assert_allclose(motion.value, data.site("mark").xpos, atol=1e-12)
+    assert motion.bad_value.min() == motion.bad_slope.min() == NEVER
+    assert motion.times[-1] == 20
+
+
+@pytest.mark.parametrize(
+    ("wrt", "output", "names"),
+    [
+        ("ctrl", "mark.", None),
+        ("ctrl[1]", "qpos", None),
+        ("qpos[0]", "qpos[9]", None),
+        ("geom_typo", "qpos", None),
+        ("geom_type", "qpos", None),
+        ("opt.gravity[2]", "mark[2]", (("opt.gravity[2]",), ("mark.z",))),
+        ("qpos[3]", "qvel[1]", (("qpos[3]",), ("qvel[1]",))),
+        ("body_mass", "qpos[0]", (("body_mass[0]", "body_mass[1]", "body_mass[2]"), ("qpos[0]",))),
+    ],
+)
+def test_what_is_asked_has_names(pendulum, wrt, output, names):
+    if names is None:
+        with pytest.raises(tog.InputError):
+            SceneFunction(pendulum, mujoco.MjData(pendulum), 5, wrt, output)
+    else:
+        scene = SceneFunction(pendulum, mujoco.MjData(pendulum), 5, wrt, output)
+        assert (scene.variables, scene.outputs) == names
+
+
+def test_the_derivative_in_gravity_is_that_of_a_falling_body(pendulum):
+    """Semi-implicit Euler falls by g dt^2 n (n + 1) / 2."""
+    scene = SceneFunction(pendulum, mujoco.MjData(pendulum), 50, "opt.gravity[2]", lambda data: data.xpos[2, 2])
+    motion = Simulation(scene, np.eye(1), states=False).run()
+    np.testing.assert_allclose(motion.slopes, [[1e-6 * 50 * 51 / 2]], rtol=1e-12)
+
+
+def test_a_start_is_a_keyframe_or_a_file(pendulum, tmp_path):
+    np.savez(tmp_path / "state.npz", qvel=np.arange(7.0))
+    (tmp_path / "state.json").write_text(json.dumps({"ctrl": [0.5]}))
+    assert saved_start(pendulum, tmp_path / "state.npz").qvel.tolist() == list(range(7))
+    assert saved_start(pendulum, tmp_path / "state.json").ctrl.tolist() == [0.5]
+    for text in ('{"qvel": [1]}', "[1]", "{", '{"other": 1}', '{"ctrl": ["a"]}', '{"ctrl": [NaN]}'):
+        (tmp_path / "bad.json").write_text(text)
+        with pytest.raises(tog.InputError, match=r"bad\.json"):
+            saved_start(pendulum, tmp_path / "bad.json")
+    with pytest.raises(tog.InputError, match="no keyframe named home; its keyframes: none"):
+        keyframe_start(pendulum, "home")
+
+
+def test_bad_input_is_one_line(run_script, tmp_path):
+    scene = GALLERY / "smooth_arm.xml"
+    for arguments, words in (
+        ((scene, "--wrt", "wings"), "'wings' is none of ctrl, qpos, qvel"),
+        ((scene, "--output", "wings"), "no site named wings"),
+        ((scene, "--steps", "0"), "give 1 or more"),
+        ((scene, "--cost", "json:nothing"), "cannot be imported"),
+        ((scene, "--state", tmp_path / "none.npz"), "cannot be read"),
+        ((tmp_path / "none.xml",), "no such scene or file"),
+    ):
+        status, said, complaint = run_script("check_gradients.py", *arguments)
+        assert status == 2
+        assert words in complaint
+        assert len(complaint.splitlines()) == 1
+        assert not said
+
+
+def test_the_script_writes_json_and_a_page(run_script, tmp_path):
+    out = (tmp_path / "verdict.json", tmp_path / "verdict.html")
+    arguments = (GALLERY / "smooth_arm.xml", "--quick", "--output", "qpos", "--json", out[0], "--html", out[1])
+    status, said, _ = run_script("check_gradients.py", *arguments)
+    found, page = json.loads(out[0].read_text()), out[1].read_text()
+    assert status == 0
+    assert said.strip().endswith("trust: no check found a fault")
+    assert found["verdict"] == "trust"
+    curves = [finding["check"] for finding in found["findings"] if finding["curves"]]
+    assert page.count("<img ") == len([name for name in curves if name != "cost"]) >= 3
+    assert jax.config.values["jax_enable_x64"]

@@ -1,0 +1,46 @@
+"""The preflight of the gallery of verdicts: of each fault that can be read in the file, and of none in sound scenes."""
+
+import tomllib
+from pathlib import Path
+
+import mujoco
+import pytest
+
+from tog_mjx.checks.preflight import Remark, preflight
+
+GALLERY = Path(__file__).parent / "scenes" / "verdicts"
+EXPECTED = {entry["file"]: entry for entry in tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]}
+
+
+def gallery_remarks(entry: dict) -> list[Remark]:
+    path = GALLERY / entry["file"]
+    model = mujoco.MjModel.from_xml_path(str(path))
+    assert model.site(entry["output"]).id >= 0
+    return preflight(model, path, None, entry["wrt"], entry.get("differentiation", "implicit"))
+
+
+def test_the_gallery_is_complete_and_its_sound_scenes_have_no_remark():
+    assert sorted(EXPECTED) == sorted(path.name for path in GALLERY.glob("*.xml"))
+    for entry in EXPECTED.values():
+        if entry["verdict"] == "trust":
+            assert gallery_remarks(entry) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "what", "where"),
+    [
+        ("unconverged_solver.xml", "<option iterations='2'>", "unconverged_solver.xml:5"),
+        ("native_elliptic.xml", "<option cone='elliptic'>", "native_elliptic.xml:5"),
+        ("coarse_step.xml", "geom floor with geom ball: a vibration of 70.7 rad/s", "coarse_step.xml:9"),
+        ("kink_at_touch.xml", "they touch exactly", "kink_at_touch.xml:10"),
+        ("control_at_limit.xml", "another derivative to either side", "control_at_limit.xml:8"),
+        ("saturated_control.xml", "the derivative in the control is zero", "saturated_control.xml:8"),
+        ("box_on_plane.xml", "MJX chooses its points", "box_on_plane.xml:8"),
+        ("far_from_origin.xml", "body ball is 1e+06 m from the origin", "far_from_origin.xml:8"),
+        ("unsupported.xml", "the collision of geom pole (cylinder)", "unsupported.xml:6"),
+    ],
+)
+def test_faults_of_the_gallery_that_can_be_read_are_told(file, what, where):
+    (remark,) = [remark for remark in gallery_remarks(EXPECTED[file]) if what in remark.what]
+    assert where in remark.where
+    assert remark.blocks == (file == "unsupported.xml")

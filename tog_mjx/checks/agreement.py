@@ -1,0 +1,122 @@
+"""Autodiff against central differences over a sweep of steps, and one-sided differences that tell a kink from an error.
+
+Long steps see curvature and jumps, short ones rounding and the solver's tolerance: the error is a V over the step, and
+differences mean something where a step and the next two shorter ones agree.
+"""
+
+import itertools
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from tog_mjx.checks.finding import Finding, Level
+
+STEPS = np.logspace(-1, -9, 17)
+"""Of the displacements, relative to the scale of each variable."""
+ACCEPTED, SETTLED, BENT, USABLE = 1e-4, 1e-3, 1e-2, 0.1
+"""Relative errors: of autodiff at the best step; of differences from one step to the next; of the slopes to either
+side; and of a gradient that still shows the way."""
+NARROW = 1e-5
+"""A gradient that shows the way no farther than this is one of a piece too short to descend on."""
+
+
+class Sweep(NamedTuple):
+    """Differences for each step h [H]: `ahead` and `behind` [H, m, k], and whether a whole column stays the same
+    for every step, [k]."""
+
+    steps: np.ndarray
+    ahead: np.ndarray
+    behind: np.ndarray
+    constant: np.ndarray
+
+    @property
+    def central(self) -> np.ndarray:
+        return (self.ahead + self.behind) / 2
+
+
+def sweep(
+    values: Callable[[Float[np.ndarray, "N n"]], Float[np.ndarray, "N m"]],
+    x: Float[np.ndarray, " n"],
+    directions: Float[np.ndarray, "n k"],
+    steps: Float[np.ndarray, " H"] = STEPS,
+) -> Sweep:
+    """Values at x, and a step ahead and behind along each direction, for each step."""
+    k = directions.shape[1]
+    shifts = steps[:, None, None] * directions.T
+    points = np.concatenate([x[None], (x + np.stack([shifts, -shifts])).reshape(-1, len(x))])
+    found = np.asarray(values(points))
+    centre, (ahead, behind) = found[0], found[1:].reshape(2, len(steps), k, -1)
+    h = steps[:, None, None]
+    constant = ((ahead == centre) & (behind == centre)).all(axis=(0, 2))
+    return Sweep(steps, np.swapaxes(ahead - centre, 1, 2) / h, np.swapaxes(centre - behind, 1, 2) / h, constant)
+
+
+def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
+    """Does the gradient agree with differences, and over which distance does it hold?"""
+    central = differences.central
+    errors = np.array([relative(slopes, some) for some in central])
+    changes = np.array([relative(a, b) for a, b in itertools.pairwise(central)])
+    # Two steps may agree by chance, three hardly.
+    changes[:-1] = np.maximum(changes[:-1], changes[1:])
+    best = int(changes[:-1].argmin()) + 1
+    curves = {"step": differences.steps.tolist(), "error": errors.tolist(), "change": [*changes.tolist(), np.nan]}
+    holds = differences.steps[errors <= USABLE]
+    reach = f"it holds to {USABLE:.0%} over steps of up to {holds.max():.0e}" if len(holds) else ""
+    error, settled, step = errors[best], changes[best - 1], differences.steps[best]
+
+    def say(level: Level, sentence: str, remedy: str = "") -> Finding:
+        return Finding("agreement", level, sentence, float(error), remedy, curves)
+
+    if not np.isfinite(slopes).all():
+        return say(
+            Level.FAULT, "the gradient is not finite, so there is nothing to compare", "see the finding 'finite'"
+        )
+    if side := kink(slopes, differences):
+        return say(
+            Level.CARE,
+            f"the point lies on a kink: the slopes to either side differ, and autodiff is {side}",
+            "move the point, or average the gradient over small perturbations",
+        )
+    if error <= max(ACCEPTED, 10 * settled) and settled <= SETTLED:
+        if holds.max() < NARROW:
+            remedy = "treat it as the gradient of a short piece: take small steps, or smooth the objective"
+            return say(Level.CARE, f"autodiff agrees with differences to {error:.0e}, but {reach} only", remedy)
+        return say(
+            Level.FINE, f"autodiff agrees with central differences to {error:.0e} (at a step of {step:.0e}); {reach}"
+        )
+    if settled <= SETTLED:
+        return say(
+            Level.FAULT,
+            f"autodiff is wrong by {error:.0e}: differences settle elsewhere, to {settled:.0e} at a step of {step:.0e}",
+            "see 'modes' and 'solver': another differentiation, or a converged solver, may mend it",
+        )
+    return say(
+        Level.CARE,
+        f"differences never settle (they change by {settled:.0e} at best): the function jumps within a step's length"
+        + (f"; {reach}" if reach else ""),
+        "compare with a smoothed gradient (--estimators), or soften the contact",
+    )
+
+
+def relative(a: np.ndarray, b: np.ndarray) -> float:
+    """How far apart two arrays are, relative to the larger one; 0 where both are 0, NaN where one is not finite."""
+    size = max(np.linalg.norm(a), np.linalg.norm(b))
+    return float(np.linalg.norm(a - b) / size) if size else 0.0
+
+
+def kink(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> str:
+    """Where the slopes to either side stay apart, by the same, as the step shrinks: which of them autodiff takes."""
+    middle = (differences.steps <= 1e-3) & (differences.steps >= 1e-7)
+    size = max(np.linalg.norm(slopes), np.linalg.norm(differences.central[middle], axis=(1, 2)).min())
+    apart = np.linalg.norm((differences.ahead - differences.behind)[middle], axis=(1, 2)) / (size or 1.0)
+    # Curvature would make it shrink with the step, a jump grow: only a kink keeps it.
+    stays = (apart > BENT) & (np.abs(np.gradient(np.log(np.maximum(apart, 1e-300)))) < 0.1)
+    if stays.sum() < 3:
+        return ""
+    at = np.flatnonzero(middle)[np.flatnonzero(stays)[-1]]
+    for name, side in (("the one ahead", differences.ahead[at]), ("the one behind", differences.behind[at])):
+        if relative(slopes, side) < BENT:
+            return name
+    return "between them"

@@ -1,0 +1,119 @@
+"""The checks of any JAX function."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from tog_mjx.checks.agreement import agreement, sweep
+from tog_mjx.checks.finding import Finding, Level, Report, Verdict
+from tog_mjx.checks.modes import compare_modes
+from tog_mjx.checks.single import judge_single
+from tog_mjx.checks.zeros import zeros
+from tog_mjx.errors import InputError
+from tog_mjx.types import Numbers
+
+DIRECTIONS = 6
+"""Derivatives are taken in all variables up to so many, else along so many random directions."""
+
+Function = Callable[[Float[Array, " n"]], Array]
+
+
+def check(objective: Function, x: Numbers, *, report: Report | None = None) -> Verdict:
+    """Can the gradient of `objective` at x be trusted?
+
+    It is run in the precision of JAX's x64 flag as it stands; float64 tells more.
+
+    Args:
+      objective: a JAX function of an array [n]; its value is a number or an array [m].
+      x: the point, a vector [n].
+      report: called with a check's name before it runs, and again with its finding.
+
+    Raises:
+      InputError: for an x that is no vector of finite numbers.
+    """
+    point = np.asarray(x, float)
+    if point.ndim != 1 or not point.size or not np.isfinite(point).all():
+        raise InputError(f"x has shape {point.shape}: give a vector of finite numbers")
+    say: Report = report or (lambda *_: None)
+    directions, names = directions_at(np.maximum(np.abs(point), 1.0), [f"x[{i}]" for i in range(point.size)])
+
+    def flat(x: Array) -> Array:
+        return jnp.ravel(objective(x))
+
+    say("forward mode", None)
+    value, slopes = forward(flat, point, directions)
+    batch = jax.jit(jax.vmap(flat))
+    differences = sweep(lambda points: np.asarray(batch(points)), point, directions)
+    checks: dict[str, Callable[[], Finding]] = {
+        "finite": lambda: _finite(value, slopes),
+        "zeros": lambda: zeros(slopes, differences, names),
+        "agreement": lambda: agreement(slopes, differences),
+        "reverse mode": lambda: _reverse(flat, point, directions, slopes),
+        "precision": lambda: _precision(flat, point, directions, slopes),
+    }
+    findings = []
+    for name, run in checks.items():
+        say(name, None)
+        findings.append(run())
+        say(name, findings[-1])
+    subject = f"{getattr(objective, '__name__', 'the objective')} in {point.size} variables"
+    outputs = tuple(f"y[{i}]" for i in range(value.size))
+    return Verdict(subject, tuple(findings), names, outputs, value.tolist(), slopes.tolist())
+
+
+def directions_at(scale: Float[np.ndarray, " n"], names: list[str]) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Directions [n, k], each as long as a large displacement, and their names."""
+    n = len(scale)
+    if n <= DIRECTIONS:
+        return np.diag(scale), tuple(names)
+    random = np.random.default_rng(0).normal(size=(n, DIRECTIONS))
+    units = random / np.linalg.norm(random, axis=0)
+    return scale[:, None] * units, tuple(f"random direction {i}" for i in range(DIRECTIONS))
+
+
+def forward(
+    function: Function, x: Float[np.ndarray, " n"], directions: Float[np.ndarray, "n k"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Value [m] and derivative [m, k] along the directions."""
+
+    @jax.jit
+    def run(x: Array, directions: Array) -> tuple[Array, Array]:
+        along = jax.vmap(lambda v: jax.jvp(function, (x,), (v,)), in_axes=1, out_axes=(None, 1))
+        return along(directions)
+
+    value, slopes = run(jnp.asarray(x), jnp.asarray(directions))
+    return np.asarray(value, float), np.asarray(slopes, float)
+
+
+def _finite(value: Float[np.ndarray, " m"], slopes: Float[np.ndarray, "m k"]) -> Finding:
+    for what, numbers in (("value", value), ("gradient", slopes)):
+        if bad := int((~np.isfinite(numbers)).sum()):
+            sentence = f"the {what} is NaN or infinite in {bad} of {numbers.size} entries"
+            remedy = "look for a root, a norm, a power or a quotient at zero: select before you divide"
+            return Finding("finite", Level.FAULT, sentence, float(bad), remedy)
+    return Finding("finite", Level.FINE, "value and gradient are finite")
+
+
+def _reverse(
+    function: Function, x: Float[np.ndarray, " n"], directions: Float[np.ndarray, "n k"], slopes: np.ndarray
+) -> Finding:
+    """Reverse mode along a fixed random cotangent, against forward mode."""
+    weights = np.random.default_rng(0).normal(size=len(slopes))
+    gradient = jax.jit(jax.grad(lambda x: function(x) @ weights))
+    return compare_modes(lambda: gradient(jnp.asarray(x)), directions, weights @ slopes)
+
+
+def _precision(
+    function: Function, x: Float[np.ndarray, " n"], directions: Float[np.ndarray, "n k"], slopes: np.ndarray
+) -> Finding:
+    if not jax.config.values["jax_enable_x64"]:
+        return Finding("precision", Level.FINE, "JAX runs in float32 here, and there is no float64 to compare with")
+    with jax.enable_x64(False):
+        try:
+            single = forward(function, x.astype(np.float32), directions.astype(np.float32))[1]
+        except (TypeError, ValueError):  # A function that holds arrays of float64.
+            return Finding("precision", Level.FINE, "not compared: the function runs in float64 only")
+    return judge_single(slopes, single)

@@ -1,0 +1,224 @@
+"""A scene's motion with its derivatives carried along, step by step, and a record of what happens on the way.
+
+One compiled program serves most checks: the model, the state to start from and the number of steps are its arguments.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from tog_mjx._mjx import mjx, put_model
+from tog_mjx.batches import map_points
+from tog_mjx.checks.scene_function import STATE, SceneFunction
+from tog_mjx.checks.tangents import in_velocity_space, state_basis
+from tog_mjx.constraints import constraint_force, constraint_hessian, read_rows
+from tog_mjx.simulate import STEPS
+from tog_mjx.step_check import compile_quickly
+
+SAMPLES = 100
+"""Times at which a motion is recorded."""
+QUANTITIES = ("collision", "smooth dynamics", "constraints", "solver", "integrator")
+"""Stages of a step, in their order."""
+NEVER = np.iinfo(np.int32).max
+"""The step of what does not happen."""
+
+
+class Motion(NamedTuple):
+    """Of S samples, k directions of the variables and s of the initial state.
+
+    value [m], slopes [m, k]; `bad_value` and `bad_slope` [Q] are the first steps at which a quantity or its derivative
+    is not finite, by QUANTITIES, or NEVER. `times` [S] are steps; `moved` [S, k] the norms of the state's derivative
+    along the directions; `jacobians` [S, 2 nv + na, s] that of the state in the initial one, both in velocity space.
+    Over the motion: the least distance [C] of the surfaces of each candidate contact, and the step of it; and the
+    largest Newton correction that the solver's answers still ask for, relative to the acceleration.
+    """
+
+    value: np.ndarray
+    slopes: np.ndarray
+    bad_value: np.ndarray
+    bad_slope: np.ndarray
+    times: np.ndarray
+    moved: np.ndarray
+    jacobians: np.ndarray
+    qpos: np.ndarray
+    qvel: np.ndarray
+    distance: np.ndarray
+    distance_step: np.ndarray
+    correction: np.ndarray
+
+
+class Simulation:
+    """A scene function, compiled for `directions` [n, k]; `states` adds those of the initial state, 2 nv + na."""
+
+    def __init__(self, scene: SceneFunction, directions: Float[np.ndarray, "n k"], states: bool = True):
+        self.scene, self.directions = scene, directions
+        self.model = put_model(scene.model)
+        self.data = scene.base(self.model)
+        self._states = 2 * scene.model.nv + scene.model.na if states else 0
+        self._rows = directions.shape[1] + self._states
+        self._run = compile_quickly(self._motion)
+
+    @functools.cached_property
+    def contact_geoms(self) -> np.ndarray:
+        """The geoms of each candidate contact, [ncon, 2]."""
+        data = compile_quickly(mjx.collision)(self.model, mjx.kinematics(self.model, self.data))
+        return np.asarray(data._impl.contact.geom)
+
+    def run(self, model: mjx.Model | None = None, steps: int | None = None, start: dict | None = None) -> Motion:
+        """The motion of another model (its arrays may differ), of so many steps, from another state."""
+        data = self.data.replace(**(start or {}))
+        record = self._run(model or self.model, data, self._tangents(data), steps or self.scene.steps)
+        found = jax.tree.map(np.asarray, record)
+        k = self.directions.shape[1]
+        used = found["time"] >= 0
+        qpos, change = found["qpos"][used], found["change"][used]  # [S, nq], [S, K, nq + nv + na]
+        tangent = np.stack([in_velocity_space(self.scene.model, q, c) for q, c in zip(qpos, change, strict=True)])
+        return Motion(
+            value=found["value"],
+            slopes=found["slopes"].T[:, :k],
+            bad_value=found["bad_value"],
+            bad_slope=found["bad_slope"],
+            times=found["time"][used],
+            moved=np.linalg.norm(tangent[:, :k], axis=2),
+            jacobians=tangent[:, k:].swapaxes(1, 2),
+            qpos=qpos,
+            qvel=found["qvel"][used],
+            distance=found["distance"],
+            distance_step=found["distance_step"],
+            correction=found["correction"],
+        )
+
+    def values(self, points: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
+        """y at displacements x."""
+        return map_points(jax.vmap(self.value), points, chunk=32)
+
+    def value(self, x: Float[Array, " n"]) -> Float[Array, " m"]:
+        """y at a displacement, differentiable in both modes."""
+        model, data = self.scene.place(self.model, self.data, x)
+        state, _ = jax.lax.scan(
+            lambda state, _: (_advance(self.scene, model, data.replace(**state))[0], None),
+            {name: getattr(data, name) for name in STATE},
+            length=self.scene.steps,
+        )
+        return self.scene.observe(model, data.replace(**state))
+
+    def _tangents(self, data: mjx.Data) -> dict[str, Array]:
+        """Tangents of the initial state [K, ...] beside those that the variables bring."""
+        zeros = {name: jnp.zeros((self._rows, *getattr(data, name).shape)) for name in STATE}
+        if not self._states:
+            return zeros
+        model, k = self.scene.model, self.directions.shape[1]
+        basis = state_basis(model, np.asarray(data.qpos))
+        parts = dict(
+            zip(("qpos", "qvel", "act"), np.split(basis, [model.nq, model.nq + model.nv], axis=1), strict=True)
+        )
+        return {**zeros, **{name: zeros[name].at[k:].set(part) for name, part in parts.items()}}
+
+    def _motion(self, model: mjx.Model, data: mjx.Data, tangents: dict[str, Array], steps: Int[Array, ""]) -> Any:
+        k = self.directions.shape[1]
+        along = jnp.zeros((self._rows, self.scene.size)).at[:k].set(self.directions.T)
+        x = jnp.zeros(self.scene.size)
+
+        def begin(x: Array, state: dict) -> dict:
+            _, placed = self.scene.place(model, data.replace(**state), x)
+            return {name: getattr(placed, name) for name in STATE}
+
+        def advance(x: Array, state: dict) -> Any:
+            return _advance(self.scene, *self.scene.place(model, data, x), state)
+
+        def observe(x: Array, state: dict) -> Array:
+            placed, start = self.scene.place(model, data, x)
+            return self.scene.observe(placed, start.replace(**state))
+
+        def with_tangents(function: Callable, state: dict, changes: dict) -> Any:
+            one = lambda dx, change: jax.jvp(function, (x, state), (dx, change))  # noqa: E731
+            return jax.vmap(one, out_axes=(None, 0))(along, changes)
+
+        state, change = with_tangents(begin, {name: getattr(data, name) for name in STATE}, tangents)
+        record = _empty(data._impl.contact.dist.size, state, change)
+
+        def body(i: Array, carry: Any) -> Any:
+            state, change, record = carry
+            (state, stages), (change, stage_changes) = with_tangents(advance, state, change)
+            record = _note(record, i, jnp.maximum(1, -(-steps // SAMPLES)), state, change, stages, stage_changes)
+            return state, change, record
+
+        state, change, record = jax.lax.fori_loop(0, steps, body, (state, change, record))
+        value, slopes = with_tangents(observe, state, change)
+        return {**record, "value": value, "slopes": slopes}
+
+
+def _advance(scene: SceneFunction, model: mjx.Model, data: mjx.Data, state: dict | None = None) -> Any:
+    """The next state, and what the stages of the step have left."""
+    after = STEPS[scene.differentiation](model, data.replace(**state) if state else data)
+    distance = after._impl.contact.dist
+    stages = {
+        "collision": distance,
+        "smooth dynamics": after.qacc_smooth,
+        "constraints": (after._impl.efc_D, after._impl.efc_aref),
+        "solver": after.qacc,
+        "integrator": (after.qpos, after.qvel),
+    }
+    still = jax.lax.stop_gradient(_correction(model, after))
+    return {name: getattr(after, name) for name in STATE}, {**stages, "correction": still}
+
+
+def _correction(model: mjx.Model, data: mjx.Data) -> Float[Array, ""]:
+    """The norm of the Newton step that the solver's answer still asks for, relative to the accelerations at play."""
+    if model.nv == 0 or data._impl.efc_J.size == 0:
+        return jnp.zeros(())
+    rows, mass = read_rows(model, data), mjx.full_m(model, data)
+    x = rows.at(data.qacc)
+    residual = mass @ data.qacc - data.qfrc_smooth - rows.jacobian.T @ constraint_force(rows, x)
+    step = jnp.linalg.solve(mass + constraint_hessian(rows, x), residual)
+    size = jnp.linalg.norm(data.qacc) + jnp.linalg.norm(data.qacc_smooth)
+    return jnp.linalg.norm(step) / jnp.where(size > 0, size, 1.0)
+
+
+def _flat(state: dict) -> Array:
+    """qpos, qvel and act, one after the other along the last axis."""
+    return jnp.concatenate([state["qpos"], state["qvel"], state["act"]], axis=-1)
+
+
+def _empty(contacts: int, state: dict, change: dict) -> dict[str, Array]:
+    q, v = state["qpos"], state["qvel"]
+    flat = _flat(change)
+    return {
+        "time": jnp.full(SAMPLES + 1, -1).at[0].set(0),
+        "qpos": jnp.zeros((SAMPLES + 1, *q.shape)).at[0].set(q),
+        "qvel": jnp.zeros((SAMPLES + 1, *v.shape)).at[0].set(v),
+        "change": jnp.zeros((SAMPLES + 1, *flat.shape)).at[0].set(flat),
+        "bad_value": jnp.full(len(QUANTITIES), NEVER),
+        "bad_slope": jnp.full(len(QUANTITIES), NEVER),
+        "distance": jnp.full(contacts, jnp.inf),
+        "distance_step": jnp.zeros(contacts, int),
+        "correction": jnp.array(0.0),
+    }
+
+
+def _note(record: dict, i: Array, stride: Array, state: dict, change: dict, stages: dict, changes: dict) -> dict:
+    """The record with step i (which makes state i + 1) in it."""
+    at, step = 1 + i // stride, i + 1
+    bad = {
+        key: jnp.where(jnp.array([_is_bad(part[name]) for name in QUANTITIES]), step, NEVER)
+        for key, part in (("bad_value", stages), ("bad_slope", changes))
+    }
+    is_nearer = stages["collision"] < record["distance"]
+    nearer = {"distance": stages["collision"], "distance_step": i}
+    samples = {"time": step, "qpos": state["qpos"], "qvel": state["qvel"], "change": _flat(change)}
+    return {
+        **record,
+        **{key: record[key].at[at].set(new) for key, new in samples.items()},
+        **{key: jnp.minimum(record[key], new) for key, new in bad.items()},
+        **{key: jnp.where(is_nearer, new, record[key]) for key, new in nearer.items()},
+        "correction": jnp.maximum(record["correction"], stages["correction"]),
+    }
+
+
+def _is_bad(tree: Any) -> Array:
+    return ~jnp.array([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(tree)]).all()

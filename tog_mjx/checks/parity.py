@@ -1,0 +1,86 @@
+"""MJX against C MuJoCo on the same states: the motion, one step, and the derivative that `mjd_transitionFD` finds."""
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from tog_mjx.checks.agreement import relative
+from tog_mjx.checks.finding import Finding, Level
+from tog_mjx.checks.motion import Motion, Simulation
+
+STATES, EVERY = 60, 6
+"""States along the motion at which a step is compared, and at every so many of them its derivative."""
+CLOSE, CLOSE_SLOPES, FAR = 1e-4, 1e-2, 1e-2
+"""Relative differences that count as none: of a step, of its derivative, and of the whole displacement."""
+
+
+def parity(simulation: Simulation, motion: Motion) -> Finding:
+    """Does a step, and its derivative in the state, equal that of C MuJoCo?"""
+    scene = simulation.scene
+    chosen = np.unique(np.linspace(0, len(motion.times) - 2, STATES).astype(int))
+    apart, slopes_apart = [], []
+    for number, i in enumerate(chosen):
+        qpos, qvel = motion.qpos[i], motion.qvel[i]
+        start = {"qpos": np.asarray(qpos), "qvel": np.asarray(qvel)}
+        one = simulation.run(steps=1, start=start)
+        after, jacobian = _step_of_c(scene.model, scene.start, qpos, qvel, number % EVERY == 0)
+        change = np.concatenate([one.qpos[-1] - qpos, one.qvel[-1] - qvel])
+        expected = np.concatenate([after[0] - qpos, after[1] - qvel])
+        apart.append(relative(change, expected))
+        slopes_apart.append(relative(one.jacobians[-1], jacobian) if jacobian is not None else np.nan)
+    worst, typical = float(np.max(apart)), float(np.median([*(x for x in slopes_apart if np.isfinite(x))] or np.nan))
+    drift = _drift(simulation, motion)
+    curves = {
+        "step": motion.times[chosen].tolist(),
+        "difference of a step": [float(x) for x in apart],
+        "difference of its derivative": [float(x) for x in slopes_apart],
+    }
+    sentence = f"at {len(chosen)} states a step of MJX differs from C MuJoCo's by at most {worst:.0e}, " + (
+        "whose mjd_transitionFD does not differentiate RK4"
+        if np.isnan(typical)
+        else f"its derivative from mjd_transitionFD by {typical:.0e} (median)"
+    )
+    sentence += f"; over the whole motion the displacement differs by {drift:.0e}"
+    if worst <= CLOSE and drift <= FAR and not typical > CLOSE_SLOPES:
+        return Finding("parity", Level.FINE, sentence, worst, "", curves)
+    remedy = (
+        "MJX's collisions are its own for some geoms: build them of spheres and capsules, and converge both solvers"
+    )
+    return Finding("parity", Level.CARE, sentence, worst, remedy, curves)
+
+
+def _step_of_c(
+    model: mujoco.MjModel,
+    start: mujoco.MjData,
+    qpos: Float[np.ndarray, " nq"],
+    qvel: Float[np.ndarray, " nv"],
+    differentiate: bool,
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray | None]:
+    """The next positions and velocities, and the Jacobian [2 nv + na, 2 nv + na] by central differences of 1e-6 if
+    asked for, but for RK4, which MuJoCo refuses."""
+    data = _state_of_c(model, start)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    size = 2 * model.nv + model.na
+    jacobian = None
+    if differentiate and model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
+        jacobian = np.zeros((size, size))
+        mujoco.mjd_transitionFD(model, data, 1e-6, True, jacobian, None, None, None)
+    mujoco.mj_step(model, data)
+    return (data.qpos.copy(), data.qvel.copy()), jacobian
+
+
+def _drift(simulation: Simulation, motion: Motion) -> float:
+    """How far C MuJoCo ends from where MJX ends, relative to how far it went."""
+    scene = simulation.scene
+    data = _state_of_c(scene.model, scene.start)
+    data.qpos[:], data.qvel[:] = scene.start.qpos, scene.start.qvel
+    mujoco.mj_step(scene.model, data, scene.steps)
+    return relative(motion.qpos[-1] - motion.qpos[0], data.qpos - motion.qpos[0])
+
+
+def _state_of_c(model: mujoco.MjModel, start: mujoco.MjData) -> mujoco.MjData:
+    """New data with the inputs of `start`."""
+    data = mujoco.MjData(model)
+    for name in ("ctrl", "act", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat", "eq_active"):
+        getattr(data, name)[...] = getattr(start, name)
+    return data

@@ -1,0 +1,91 @@
+"""All that a scene has which MJX does not support, ignores in silence, or of which it is known that it spoils
+gradients: told all at once, with names and lines, before anything compiles."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import mujoco
+
+from tog_mjx.checks import parameters, spoilers
+from tog_mjx.checks.finding import Level
+from tog_mjx.checks.lines import Lines
+from tog_mjx.checks.spoilers import Question, Spoiler
+from tog_mjx.supported import Culprit, ignored, unsupported
+
+
+class Remark(NamedTuple):
+    """What is the matter with a scene and in which element, in which lines (`scene.xml:12`, or ""), and the remedy.
+
+    `blocks`: MJX does not simulate such a scene at all.
+    """
+
+    level: Level
+    what: str
+    where: str
+    remedy: str
+    blocks: bool = False
+
+    def __str__(self) -> str:
+        where = f" ({self.where})" if self.where else ""
+        return f"{self.what}{where}; {self.remedy}"
+
+
+def preflight(
+    model: mujoco.MjModel,
+    path: str | Path | None = None,
+    data: mujoco.MjData | None = None,
+    wrt: str = "",
+    differentiation: str = "implicit",
+) -> list[Remark]:
+    """Reads a scene, and compiles nothing; the gravest remarks come first.
+
+    Args:
+      path: the MJCF file the model was read from, for line numbers.
+      data: the state the motion starts from, and its controls; left as it is. By default the first keyframe, or the
+        initial pose.
+      wrt: the variables of the derivative ("ctrl", "geom_friction", ...): some features spoil those in one field alone.
+      differentiation: "implicit" or "native", see `tog_mjx.simulate`.
+    """
+    lines = Lines(model, path)
+    remarks = []
+    for culprit in unsupported(model):
+        remedy = "MJX does not support it: remove or replace it"
+        remarks.append(_remark(lines, Spoiler(culprit, remedy, Level.FAULT), blocks=True))
+    for culprit in ignored(model):
+        remedy = "MJX ignores it, so the motion is another one: remove it"
+        remarks.append(_remark(lines, Spoiler(culprit, remedy, Level.FAULT)))
+    if not any(remark.blocks for remark in remarks):
+        question = Question(model, _state(model, data), wrt, differentiation)
+        remarks += [_remark(lines, spoiler) for spoiler in _spoilers(question)]
+    return sorted(remarks, key=lambda remark: (-remark.blocks, -remark.level))
+
+
+def _spoilers(question: Question) -> Iterator[Spoiler]:
+    for detector in (*spoilers.DETECTORS, *parameters.DETECTORS):
+        yield from detector(question)
+
+
+def _state(model: mujoco.MjModel, data: mujoco.MjData | None) -> mujoco.MjData:
+    """A state of its own, with positions, contacts and forces computed."""
+    state = mujoco.MjData(model)
+    if data is not None:
+        for name in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "eq_active", "qfrc_applied"):
+            setattr(state, name, getattr(data, name))
+    elif model.nkey:
+        mujoco.mj_resetDataKeyframe(model, state, 0)
+    mujoco.mj_forward(model, state)
+    return state
+
+
+def _remark(lines: Lines, spoiler: Spoiler, blocks: bool = False) -> Remark:
+    culprit = spoiler.culprit
+    return Remark(spoiler.level, culprit.what, _where(lines, culprit), spoiler.remedy, blocks)
+
+
+def _where(lines: Lines, culprit: Culprit) -> str:
+    """The places of the elements, each once."""
+    if culprit.attribute:
+        return lines.place_of_option(culprit.attribute)
+    places = [lines.place(kind, i) for kind, i in culprit.elements]
+    return ", ".join(dict.fromkeys(place for place in places if place))

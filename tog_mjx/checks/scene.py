@@ -1,0 +1,100 @@
+"""The checks of a scene."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import jax
+import mujoco
+import numpy as np
+
+from tog_mjx.checks.agreement import agreement, sweep
+from tog_mjx.checks.cost import cost
+from tog_mjx.checks.finding import Finding, Report, Verdict
+from tog_mjx.checks.function import directions_at
+from tog_mjx.checks.modes import differentiation, reverse
+from tog_mjx.checks.motion import Motion, Simulation
+from tog_mjx.checks.parity import parity
+from tog_mjx.checks.preflight import Remark, preflight
+from tog_mjx.checks.scene_function import Cost, SceneFunction
+from tog_mjx.checks.stages import contacts, finite, growth, untouched
+from tog_mjx.checks.variants import precision, solver, stiffness, time_step
+from tog_mjx.checks.zeros import zeros
+
+
+def check_scene(
+    model: mujoco.MjModel,
+    start: mujoco.MjData | None = None,
+    *,
+    steps: int = 100,
+    wrt: str = "ctrl",
+    output: str | Cost = "qpos",
+    differentiation: str = "implicit",
+    path: str | Path | None = None,
+    quick: bool = False,
+    report: Report | None = None,
+) -> Verdict:
+    """Can the gradient of this scene's motion be trusted?
+
+    Args:
+      model: any. Of one that MJX cannot simulate the verdict says why not.
+      start: the state, and the controls held; the model's initial pose if None. It is left as it is.
+      steps, wrt, output, differentiation: see `SceneFunction`.
+      path: the file that the model was read from: the preflight then names its lines.
+      quick: leaves out what compiles the motion again: other modes, float32 and the cost.
+
+    Raises:
+      InputError: for what is not in the scene.
+    """
+    if start is None:
+        start = mujoco.MjData(model)
+    say: Report = report or (lambda *_: None)
+    with jax.enable_x64():
+        scene = SceneFunction(model, start, steps, wrt, output, differentiation)
+        subject = f"{', '.join(scene.outputs[:3])}{', ...' * (len(scene.outputs) > 3)} after {steps} steps, by {wrt}"
+        say("preflight", None)
+        remarks = preflight(model, path, start, wrt, differentiation)
+        findings = [Finding("preflight", some.level, _sentence(some), None, some.remedy) for some in remarks]
+        for finding in findings:
+            say("preflight", finding)
+        if any(some.blocks for some in remarks):
+            return Verdict(subject, tuple(findings))
+        say("motion", None)
+        directions, names = directions_at(scene.scale, list(scene.variables))
+        simulation = Simulation(scene, directions)
+        motion = simulation.run()
+        for name, check in _checks(simulation, motion, names, quick):
+            say(name, None)
+            findings.append(check())
+            say(name, findings[-1])
+    return Verdict(subject, tuple(findings), names, scene.outputs, motion.value.tolist(), motion.slopes.tolist())
+
+
+def _sentence(remark: Remark) -> str:
+    return remark.what + (f" ({remark.where})" if remark.where else "")
+
+
+def _checks(
+    simulation: Simulation, motion: Motion, names: tuple[str, ...], quick: bool
+) -> Iterator[tuple[str, Callable[[], Finding]]]:
+    """What to run, in the order of what spoils most. Nothing else means anything where the gradient is not finite."""
+    yield "finite", lambda: finite(motion)
+    if not np.isfinite(motion.slopes).all():
+        if not quick:
+            yield "differentiation", lambda: differentiation(simulation, motion)
+        return
+    yield "solver", lambda: solver(simulation, motion)
+    n = simulation.scene.size
+    differences = sweep(simulation.values, np.zeros(n), simulation.directions)
+    yield "zeros", lambda: zeros(motion.slopes, differences, names, lambda: untouched(simulation, motion))
+    yield "agreement", lambda: agreement(motion.slopes, differences)
+    yield "growth", lambda: growth(simulation, motion)
+    yield "time step", lambda: time_step(simulation, motion)
+    yield "contacts", lambda: contacts(simulation, motion)
+    yield "stiffness", lambda: stiffness(simulation, motion)
+    yield "parity", lambda: parity(simulation, motion)
+    if quick:
+        return
+    yield "precision", lambda: precision(simulation, motion)
+    yield "reverse mode", lambda: reverse(simulation, motion)
+    yield "differentiation", lambda: differentiation(simulation, motion)
+    yield "cost", lambda: cost(simulation)

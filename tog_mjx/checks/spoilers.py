@@ -1,0 +1,181 @@
+"""What is known to spoil gradients, though MJX simulates it: one small detector each, read from the model alone.
+
+Each yields the culprits, with what to do; what they claim is measured in the tests.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from tog_mjx._mjx import mjx
+from tog_mjx.checks.finding import Level
+from tog_mjx.supported import Culprit, candidates, has_fluid, name_of, type_of
+
+
+class Question(NamedTuple):
+    """What is asked: a model, its state (MuJoCo has computed its positions, contacts and forces), the variables of
+    the derivative ("" if not known), and how the step is differentiated."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    wrt: str
+    differentiation: str
+
+
+class Spoiler(NamedTuple):
+    """A culprit, how much it weighs, and the remedy."""
+
+    culprit: Culprit
+    remedy: str
+    level: Level = Level.CARE
+
+
+_OWN_CONTACTS = {
+    frozenset(pair)
+    for pair in (
+        ("plane", "box"), ("plane", "mesh"), ("plane", "cylinder"), ("box",), ("box", "mesh"), ("mesh",),
+        ("capsule", "box"), ("capsule", "mesh"),
+    )
+}  # fmt: skip
+_ITERATED = ("cylinder", "ellipsoid")
+"""Met by anything but a plane, MJX finds the nearest points by a fixed number of iterations."""
+_MANY_VERTICES = 200
+_FEW_ITERATIONS = {mjx.SolverType.NEWTON: 5, mjx.SolverType.CG: 20}
+COARSE = 0.3
+"""Of a frequency times the time step: semi-implicit Euler's error of the phase is its square over 24, a period."""
+_FAR = 1e3
+"""m. In float32 a position is rounded to 1e-7 of it, and contacts are 1e-4 m deep."""
+
+
+def collisions(question: Question) -> Iterator[Spoiler]:
+    """Contacts whose points jump: each kind of them once, with the geoms of the first."""
+    model = question.model
+    found: dict[frozenset[str], list[tuple[int, int]]] = {}
+    for first, second, _ in candidates(model):
+        found.setdefault(frozenset((type_of(model, first), type_of(model, second))), []).append((first, second))
+    for kinds, pairs in found.items():
+        if kinds in _OWN_CONTACTS or "hfield" in kinds:
+            why = "MJX chooses its points by a rule that jumps, and otherwise than C MuJoCo"
+            remedy = "put a small sphere at each corner, or use capsules, which have smooth contacts"
+        elif "plane" not in kinds and any(kind in kinds for kind in _ITERATED):
+            why = "MJX finds its points by a few iterations, otherwise than C MuJoCo"
+            remedy = "build the shape of spheres and capsules, which have closed forms"
+        else:
+            continue
+        names = " with ".join(f"geom {name_of(model, 'geom', geom)} ({type_of(model, geom)})" for geom in pairs[0])
+        more = f" and {len(pairs) - 1} more such pairs" if len(pairs) > 1 else ""
+        yield Spoiler(Culprit(f"the contact of {names}{more}: {why}", _geoms(pairs[0])), remedy)
+
+
+def large_meshes(question: Question) -> Iterator[Spoiler]:
+    model = question.model
+    for geom in sorted({geom for pair in candidates(model) for geom in pair[:2]}):
+        if type_of(model, geom) == "mesh":
+            graph = model.mesh_graphadr[model.geom_dataid[geom]]
+            count = int(model.mesh_graph[graph]) if graph >= 0 else 0
+            if count > _MANY_VERTICES:
+                what = f"geom {name_of(model, 'geom', geom)} collides by a hull of {count} vertices: slow on MJX"
+                yield Spoiler(Culprit(what, (("geom", geom),)), "set the mesh's maxhullvert, or use primitives")
+
+
+def contact_limits(question: Question) -> Iterator[Spoiler]:
+    model = question.model
+    for i in range(model.nnumeric):
+        name = model.numeric(i).name
+        if name in ("max_contact_points", "max_geom_pairs") and model.numeric(i).data[0] >= 0:
+            what = f"<numeric name='{name}'>: MJX keeps the nearest contacts alone, and the choice jumps"
+            yield Spoiler(Culprit(what), "leave it out, or give a number that is never reached")
+
+
+def native(question: Question) -> Iterator[Spoiler]:
+    """Where only stock `mjx.step` fails."""
+    model = question.model
+    if question.differentiation != "native":
+        return
+    remedy = "differentiate tog.step"
+    if model.opt.cone == mjx.ConeType.ELLIPTIC and candidates(model):
+        what = "<option cone='elliptic'>: the derivative of stock mjx.step is NaN as soon as a contact is open"
+        yield Spoiler(Culprit(what, attribute="cone"), remedy, Level.FAULT)
+    for i in np.flatnonzero(model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)).tolist():
+        first, size = int(model.jnt_dofadr[i]), 6 if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE else 3
+        if not question.data.qvel[first + size - 3 : first + size].any():
+            what = f"joint {name_of(model, 'joint', i)} does not rotate: stock mjx.step drops a derivative there"
+            yield Spoiler(Culprit(what, (("joint", i),)), f"{remedy}, or give it an angular velocity")
+
+
+def solver(question: Question) -> Iterator[Spoiler]:
+    option = question.model.opt
+    few = _FEW_ITERATIONS[mjx.SolverType(option.solver)]
+    for attribute, least in (("iterations", few), ("ls_iterations", 5)):
+        if (given := getattr(option, attribute)) < least:
+            what = f"<option {attribute}='{given}'>: the solver may stop before it has converged"
+            remedy = "give 50 or more, and the motion and its gradient are those of the scene, not of the solver"
+            yield Spoiler(Culprit(what, attribute=attribute), remedy)
+    if option.tolerance > 1e-6:
+        what = f"<option tolerance='{option.tolerance:g}'>: the solver may stop before it has converged"
+        yield Spoiler(Culprit(what, attribute="tolerance"), "give 1e-8 or less")
+
+
+def passive_flags(question: Question) -> Iterator[Spoiler]:
+    """With either flag MJX leaves out springs, dampers, gravity compensation and fluid forces all together."""
+    model, off = question.model, mjx.DisableBit
+    has_damping = model.dof_damping.any() or model.tendon_damping.any()
+    has_others = model.body_gravcomp.any() or has_fluid(model)
+    has_springs = model.jnt_stiffness.any() or model.tendon_stiffness.any()
+    for flag, name, is_other in ((off.SPRING, "spring", has_damping), (off.DAMPER, "damper", has_springs)):
+        if model.opt.disableflags & flag and (is_other or has_others):
+            what = f"<flag {name}='disable'>: MJX leaves out all passive forces then, damping and springs alike"
+            remedy = f"set the scene's {'stiffness' if name == 'spring' else 'damping'} to zero instead"
+            yield Spoiler(Culprit(what, attribute=name), remedy, Level.FAULT)
+
+
+def differences_from_c(question: Question) -> Iterator[Spoiler]:
+    """Small ones, and those that come with time."""
+    model = question.model
+    if model.opt.enableflags & mjx.EnableBit.SLEEP:
+        yield Spoiler(Culprit("<flag sleep='enable'>: on MJX no body sleeps", attribute="sleep"), "disable it")
+    for i in np.flatnonzero(model.actuator_actearly).tolist():
+        what = f"actearly of actuator {name_of(model, 'actuator', i)}: MJX applies the activation one step later"
+        yield Spoiler(Culprit(what, (("actuator", i),)), "leave it out")
+    for kind, prefix in (("joint", "jnt"), ("tendon", "tendon")):
+        limited, span = getattr(model, f"{prefix}_limited"), np.ptp(getattr(model, f"{prefix}_range"), axis=1)
+        for i in np.flatnonzero((limited != 0) & (span < 2 * getattr(model, f"{prefix}_margin"))).tolist():
+            what = f"{kind} {name_of(model, kind, i)} is within the margin of both limits: MJX sees the nearer alone"
+            yield Spoiler(Culprit(what, ((kind, i),)), "reduce the margin")
+
+
+def upright_capsules(question: Question) -> Iterator[Spoiler]:
+    """On the pyramidal cone friction depends on the axes of the contact, which C MuJoCo chooses otherwise."""
+    model, data = question.model, question.data
+    if model.opt.cone != mjx.ConeType.PYRAMIDAL:
+        return
+    touching = sorted({tuple(contact.geom.tolist()) for contact in data.contact if contact.dim > 1})
+    for plane, geom in touching:
+        if (type_of(model, plane), type_of(model, geom)) != ("plane", "capsule"):
+            continue
+        axes = [data.geom_xmat[some].reshape(3, 3)[:, 2] for some in (plane, geom)]
+        if abs(axes[0] @ axes[1]) > np.sqrt(3) / 2:
+            what = f"geom {name_of(model, 'geom', geom)} (capsule) stands on geom {name_of(model, 'geom', plane)}"
+            what += ": the axes of its friction pyramid are not those of C MuJoCo, and jump as it tilts by 30 degrees"
+            yield Spoiler(Culprit(what, (("geom", geom),)), "set cone='elliptic', which has no axes")
+
+
+def far_away(question: Question) -> Iterator[Spoiler]:
+    model = question.model
+    for body in range(1, model.nbody):
+        distance = float(np.linalg.norm(question.data.xipos[body]))
+        if distance > _FAR and model.body_weldid[body]:
+            what = f"body {name_of(model, 'body', body)} is {distance:.2g} m from the origin: float32 cannot resolve it"
+            yield Spoiler(Culprit(what, (("body", body),)), "move the scene to the origin, or use float64")
+
+
+def _geoms(geoms: tuple[int, int]) -> tuple[tuple[str, int], ...]:
+    return tuple(("geom", geom) for geom in geoms)
+
+
+DETECTORS = (
+    native, passive_flags, solver, collisions, large_meshes, contact_limits, upright_capsules, differences_from_c,
+    far_away,
+)  # fmt: skip

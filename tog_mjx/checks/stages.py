@@ -1,0 +1,124 @@
+"""Checks that read one motion: is all finite, what touches and how deep, what grows."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tog_mjx.checks.finding import Finding, Level
+from tog_mjx.checks.motion import NEVER, QUANTITIES, Motion, Simulation
+
+EXPLODED, GREAT = 1e6, 1e3
+"""Growth of a change of position over the horizon: beyond the first no step is short enough, beyond the second few."""
+DEEP = 0.5
+"""Penetration, relative to the smaller geom's size."""
+
+
+def finite(motion: Motion) -> Finding:
+    """Where NaN or infinity first appears: in which step, and in which of its stages."""
+    for what, bad in (("value", motion.bad_value), ("gradient", motion.bad_slope)):
+        first = int(bad.min())
+        if first != NEVER:
+            stage = QUANTITIES[int(bad.argmin())]
+            remedy = (
+                "the motion itself diverges: reduce the time step, or check the state"
+                if what == "value"
+                else "differentiate tog.step, which is finite there"
+                if stage == "solver"
+                else "see 'preflight'"
+            )
+            return Finding(
+                "finite",
+                Level.FAULT,
+                f"the {what} is NaN or infinite from step {first} on, first in its {stage}",
+                float(first),
+                remedy,
+            )
+    if not (np.isfinite(motion.value).all() and np.isfinite(motion.slopes).all()):
+        return Finding(
+            "finite",
+            Level.FAULT,
+            "the motion is finite, but the output or its gradient is not",
+            remedy="look at the cost: a norm or a root at zero needs a safe gradient",
+        )
+    return Finding("finite", Level.FINE, "value and gradient are finite at every step")
+
+
+def contacts(simulation: Simulation, motion: Motion) -> Finding:
+    """How deep bodies sink into each other."""
+    if not motion.distance.size:
+        return Finding("contacts", Level.FINE, "no two geoms of the scene can touch")
+    closest = int(motion.distance.argmin())
+    distance, at = float(motion.distance[closest]), int(motion.distance_step[closest])
+    names, size = _met(simulation, closest)
+    if distance >= 0:
+        return Finding("contacts", Level.FINE, f"nothing touches: {names} come nearest, {distance:.2g} m", distance)
+    depth = -distance / size
+    sentence = f"{names} overlap by {-distance:.2g} m at most, in step {at}: {depth:.0%} of the smaller one's half size"
+    if depth <= DEEP:
+        return Finding("contacts", Level.FINE, sentence, depth)
+    remedy = "stiffen the contact (solref), lighten the load, or start farther apart: deep inside, normals may flip"
+    return Finding("contacts", Level.CARE, sentence, depth, remedy)
+
+
+def untouched(simulation: Simulation, motion: Motion) -> str:
+    """What comes nearest of all that does not touch."""
+    distance = np.where(motion.distance >= 0, motion.distance, np.inf)
+    if not np.isfinite(distance).any():
+        return ""
+    closest = int(distance.argmin())
+    names, _ = _met(simulation, closest)
+    what = "nothing is touched" if (motion.distance >= 0).all() else "no touch carries it there"
+    return f"{what}; of what does not touch, {names} come nearest, {distance[closest]:.2g} m"
+
+
+def _met(simulation: Simulation, contact: int) -> tuple[str, float]:
+    """The two geoms of a candidate contact, and half the extent of the thinner one."""
+    model, geoms = simulation.scene.model, [int(geom) for geom in simulation.contact_geoms[contact]]
+    return " and ".join(geom_name(model, geom) for geom in geoms), min(_thickness(model, geom) for geom in geoms)
+
+
+def geom_name(model: mujoco.MjModel, geom: int) -> str:
+    name = model.geom(geom).name
+    body = model.body(int(model.geom_bodyid[geom])).name
+    return f"geom {name}" if name else f"geom {geom} (of body {body or 'world'})"
+
+
+def _thickness(model: mujoco.MjModel, geom: int) -> float:
+    """Half the least extent of a geom; a plane or height field has none."""
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    thick = {
+        int(mujoco.mjtGeom.mjGEOM_PLANE): np.inf,
+        int(mujoco.mjtGeom.mjGEOM_HFIELD): np.inf,
+        int(mujoco.mjtGeom.mjGEOM_SPHERE): size[0],
+        int(mujoco.mjtGeom.mjGEOM_CAPSULE): size[0],
+        int(mujoco.mjtGeom.mjGEOM_CYLINDER): min(size[:2]),
+    }
+    return float(thick.get(kind, min(size)))
+
+
+def growth(simulation: Simulation, motion: Motion) -> Finding:
+    """How a change of the initial positions grows, and how long a horizon is worth differentiating."""
+    nv = simulation.scene.model.nv
+    block = motion.jacobians[:, :nv, :nv]
+    is_finite = np.isfinite(block).all(axis=(1, 2))
+    singular = np.linalg.svd(np.where(is_finite[:, None, None], block, 0.0), compute_uv=False)
+    largest = np.where(is_finite, singular[:, 0], np.inf)
+    beyond = np.flatnonzero(largest > GREAT)
+    curves: dict[str, Any] = {
+        "step": motion.times.tolist(),
+        "largest singular value": largest.tolist(),
+        "smallest singular value": np.where(is_finite, singular[:, -1], np.nan).tolist(),
+        **{f"derivative along direction {i}": column.tolist() for i, column in enumerate(motion.moved.T[:4])},
+    }
+    most, last = float(largest.max()), float(largest[-1])
+    if not len(beyond):
+        sentence = f"a change of the initial positions grows at most {most:.2g} times, and is {last:.2g} at the end"
+        return Finding("growth", Level.FINE, sentence, most, "", curves)
+    horizon = int(motion.times[beyond[0]])
+    sentence = (
+        f"a change of the initial positions grows {most:.1e} times; it passes {GREAT:.0e} in step {horizon}, "
+        "the longest horizon worth differentiating"
+    )
+    remedy = f"differentiate no more than {horizon} steps at a time (truncate, or optimise over several shooting nodes)"
+    return Finding("growth", Level.FAULT if most > EXPLODED else Level.CARE, sentence, most, remedy, curves)

@@ -1,0 +1,55 @@
+"""The curves behind a check's finding."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from tog_mjx.checks.finding import Finding
+from tog_mjx.figures.style import RC, new_figure
+
+_COLORS, _STYLES = ("#1b1b1b", "#d55e00", "#0072b2", "#009e73", "#cc79a7"), ("-", "--", "-.", ":", "-")
+
+
+class _Look(NamedTuple):
+    x: str
+    label: str
+    y_label: str
+    scale: tuple[str, str]
+
+
+_LOOKS = {
+    "agreement": _Look("step", "step of the differences, relative", "relative error, change", ("log", "log")),
+    "growth": _Look("step", "time step", "singular value, norm", ("linear", "log")),
+    "time step": _Look("time step, relative", "time step, relative", "gradient norm", ("log", "linear")),
+    "stiffness": _Look("stiffness, relative", "stiffness, relative", "gradient norm", ("log", "linear")),
+    "solver": _Look("iterations", "solver iterations", "gradient norm", ("log", "linear")),
+    "parity": _Look("step", "time step", "relative difference", ("linear", "log")),
+}
+
+
+def has_figure(finding: Finding) -> bool:
+    return finding.check in _LOOKS and bool(finding.curves)
+
+
+def draw_finding(finding: Finding) -> Figure:
+    """All curves of a finding for which `has_figure`. What is not finite, or not positive on a logarithmic axis, is
+    left out."""
+    look = _LOOKS[finding.check]
+    x = np.array(finding.curves[look.x], float)
+    with rc_context(RC):
+        figure = new_figure(5.6, 3.2)
+        axes = figure.subplots()
+        others = {name: np.array(y, float) for name, y in finding.curves.items() if name != look.x}
+        for i, (name, y) in enumerate(others.items()):
+            shown = np.where(y > 0, y, math.nan) if look.scale[1] == "log" else y
+            style: dict[str, Any] = {"color": _COLORS[i % len(_COLORS)], "linestyle": _STYLES[i % len(_STYLES)]}
+            axes.plot(x, np.where(np.isfinite(shown), shown, math.nan), marker="." * (len(x) < 30), label=name, **style)
+        axes.set(xlabel=look.label, ylabel=look.y_label, xscale=look.scale[0])
+        if look.scale[1] == "log" and any((y > 0).any() for y in others.values()):
+            axes.set_yscale("log")
+        if len(others) > 1:
+            axes.legend(frameon=False, fontsize=8)
+    return figure
