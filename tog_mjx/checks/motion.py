@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from tog_mjx._mjx import mjx, put_model
-from tog_mjx.batches import map_points
 from tog_mjx.checks.scene_function import STATE, SceneFunction
 from tog_mjx.checks.tangents import in_velocity_space, state_basis
 from tog_mjx.constraints import constraint_force, constraint_hessian, read_rows
 from tog_mjx.simulate import STEPS
 from tog_mjx.step_check import compile_quickly
 
+_CHUNK = 32
 SAMPLES = 100
 """Times at which a motion is recorded."""
 QUANTITIES = ("collision", "smooth dynamics", "constraints", "solver", "integrator")
@@ -62,6 +62,7 @@ class Simulation:
         self._states = 2 * scene.model.nv + scene.model.na if states else 0
         self._rows = directions.shape[1] + self._states
         self._run = compile_quickly(self._motion)
+        self._batch = compile_quickly(jax.vmap(self.value))
 
     @functools.cached_property
     def contact_geoms(self) -> np.ndarray:
@@ -95,7 +96,10 @@ class Simulation:
 
     def values(self, points: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
         """y at displacements x."""
-        return map_points(jax.vmap(self.value), points, chunk=32)
+        whole = np.resize(points, (-(-len(points) // _CHUNK) * _CHUNK, points.shape[1]))
+        return np.concatenate([np.asarray(self._batch(some)) for some in np.split(whole, len(whole) // _CHUNK)])[
+            : len(points)
+        ]
 
     def value(self, x: Float[Array, " n"]) -> Float[Array, " m"]:
         """y at a displacement, differentiable in both modes."""
