@@ -90,13 +90,13 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
         return say(
             Level.FAULT,
             f"autodiff is wrong by {error:.0e}: differences settle elsewhere, to {settled:.0e} at a step of {step:.0e}",
-            "see 'modes' and 'solver': another differentiation, or a converged solver, may mend it",
+            "see 'solver' and 'differentiation': a converged solver, or tog.step, may mend it",
         )
     return say(
         Level.CARE,
         f"differences never settle (they change by {settled:.0e} at best): the function jumps within a step's length"
         + (f"; {reach}" if reach else ""),
-        "compare with a smoothed gradient (--estimators), or soften the contact",
+        "average over perturbations (tog_mjx.gradients.zeroth_order), or soften the contact",
     )
 
 

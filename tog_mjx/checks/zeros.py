@@ -31,7 +31,10 @@ def zeros(
         )
         return Finding("zeros", Level.FAULT, sentence, float(moves.sum()), remedy)
     if (absent & ~differences.constant).any():
-        why, remedy = "the output moves with longer steps only: this piece of it is flat", "smooth it (--estimators)"
+        why, remedy = (
+            "the output moves with longer steps only: this piece of it is flat",
+            "average over perturbations: tog_mjx.gradients",
+        )
     elif why := untouched():
         remedy = "start nearer, run longer, or perturb until something touches: no gradient points there"
     else:
