@@ -46,7 +46,7 @@ def draw_finding(finding: Finding) -> Figure:
         for i, (name, y) in enumerate(others.items()):
             shown = np.where(y > 0, y, math.nan) if look.scale[1] == "log" else y
             style: dict[str, Any] = {"color": _COLORS[i % len(_COLORS)], "linestyle": _STYLES[i % len(_STYLES)]}
-            axes.plot(x, np.where(np.isfinite(shown), shown, math.nan), marker="." * (len(x) < 30), label=name, **style)
+            axes.plot(x, np.where(np.isfinite(shown), shown, math.nan), marker="." * (len(x) < 70), label=name, **style)
         axes.set(xlabel=look.label, ylabel=look.y_label, xscale=look.scale[0])
         if look.scale[1] == "log" and any((y > 0).any() for y in others.values()):
             axes.set_yscale("log")
