@@ -49,6 +49,7 @@ def main() -> None:
             differentiation=args.differentiation,
             path=path,
             quick=args.quick,
+            estimators=args.estimators,
             report=report,
         )
     if args.json:
@@ -71,6 +72,7 @@ def parse_arguments() -> argparse.Namespace:
     begin.add_argument("--state", type=Path, metavar="FILE", help="a .npz or .json with qpos, qvel, act, ctrl")
     begin.add_argument("--keyframe", metavar="NAME", help="default: the first, or else the initial pose")
     parser.add_argument("--quick", action="store_true", help="leave out other modes, float32, and what it costs")
+    parser.add_argument("--estimators", action="store_true", help="ask too which gradient to follow: exact, stochastic")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the verdict there")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with the curves there")
     return parser.parse_args()

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tog_mjx.studies import local
+from tog_mjx.gradients import local
 from tog_mjx.studies.study import Drawn, Store
 from tog_mjx.studies.why import STATISTICS, Why, measure, most_predictive
 

@@ -31,8 +31,15 @@ def map_points(
 
     `report` is called with the number of points done.
     """
+    return call_in_chunks(over_devices(function), points, chunk_size(len(points), chunk), report)
+
+
+def call_in_chunks(
+    run: Callable, points: Float[np.ndarray, "N n"], size: int, report: Callable[[int], None] = lambda _: None
+) -> Any:
+    """As `map_points`, for a function `run` that is compiled for chunks of one size already."""
     found = []
-    for done, values in _chunks(function, points, 0, chunk):
+    for done, values in _chunks(run, points, 0, size):
         found.append(values)
         report(done)
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *found)
@@ -65,7 +72,7 @@ def map_kept(
         return values
 
     written = time.monotonic()
-    for done, values in _chunks(function, points, len(kept), chunk):
+    for done, values in _chunks(over_devices(function), points, len(kept), chunk_size(len(points) - len(kept), chunk)):
         found.append(values)
         report(done)
         if time.monotonic() - written > _SECONDS_BETWEEN_WRITES:
@@ -90,9 +97,8 @@ def _read(path: Path, settings: Mapping[str, Any]) -> np.ndarray | None:
     return None
 
 
-def _chunks(function: Callable, points: np.ndarray, done: int, chunk: int) -> Iterator[tuple[int, Any]]:
+def _chunks(run: Callable, points: np.ndarray, done: int, size: int) -> Iterator[tuple[int, Any]]:
     """The number of points done and the values of the last chunk, again and again."""
-    run, size = over_devices(function), chunk_size(len(points) - done, chunk)
     for first in range(done, len(points), size):
         some = points[first : first + size]
         whole = np.resize(some, (size, *some.shape[1:]))  # The last chunk is filled up with points of its own.

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.checks.agreement import agreement, sweep
+from tog_mjx.checks.estimators import batch_of_gradients, compare_estimators, steepest
 from tog_mjx.checks.finding import Finding, Level, Report, Verdict
 from tog_mjx.checks.modes import compare_modes
 from tog_mjx.checks.single import judge_single
@@ -21,7 +22,7 @@ DIRECTIONS = 6
 Function = Callable[[Float[Array, " n"]], Array]
 
 
-def check(objective: Function, x: Numbers, *, report: Report | None = None) -> Verdict:
+def check(objective: Function, x: Numbers, *, estimators: bool = False, report: Report | None = None) -> Verdict:
     """Can the gradient of `objective` at x be trusted?
 
     It is run in the precision of JAX's x64 flag as it stands; float64 tells more.
@@ -29,6 +30,8 @@ def check(objective: Function, x: Numbers, *, report: Report | None = None) -> V
     Args:
       objective: a JAX function of an array [n]; its value is a number or an array [m].
       x: the point, a vector [n].
+      estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of
+        several values, to lower the one whose derivative is largest.
       report: called with a check's name before it runs, and again with its finding.
 
     Raises:
@@ -38,7 +41,8 @@ def check(objective: Function, x: Numbers, *, report: Report | None = None) -> V
     if point.ndim != 1 or not point.size or not np.isfinite(point).all():
         raise InputError(f"x has shape {point.shape}: give a vector of finite numbers")
     say: Report = report or (lambda *_: None)
-    directions, names = directions_at(np.maximum(np.abs(point), 1.0), [f"x[{i}]" for i in range(point.size)])
+    scale = np.maximum(np.abs(point), 1.0)
+    directions, names = directions_at(scale, [f"x[{i}]" for i in range(point.size)])
 
     def flat(x: Array) -> Array:
         return jnp.ravel(objective(x))
@@ -54,13 +58,22 @@ def check(objective: Function, x: Numbers, *, report: Report | None = None) -> V
         "reverse mode": lambda: _reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }
+    outputs = tuple(f"y[{i}]" for i in range(value.size))
+    if estimators:
+        i = steepest(slopes)
+        lowered = lambda z: flat(point + scale * z)[i]  # noqa: E731
+        checks["estimators"] = lambda: compare_estimators(
+            lambda points: np.asarray(batch(point + scale * points), float)[:, i],
+            batch_of_gradients(lowered, point.size),
+            point.size,
+            outputs[i] if value.size > 1 else "it",
+        )
     findings = []
     for name, run in checks.items():
         say(name, None)
         findings.append(run())
         say(name, findings[-1])
     subject = f"{getattr(objective, '__name__', 'the objective')} in {point.size} variables"
-    outputs = tuple(f"y[{i}]" for i in range(value.size))
     return Verdict(subject, tuple(findings), names, outputs, value.tolist(), slopes.tolist())
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,22 +20,31 @@ _REMEDY = "use forward mode; of mjx.step, differentiate tog.step"
 REFUSED = "Reverse-mode differentiation does not work"
 
 
+def is_reversible(function: Callable[[Float[Array, " n"]], Any], n: int) -> bool:
+    """Whether JAX differentiates a function of n numbers to a number in reverse mode; it is traced, not compiled."""
+    try:
+        jax.eval_shape(jax.grad(function), jnp.zeros(n))
+    except ValueError as refusal:
+        if REFUSED not in str(refusal):
+            raise
+        return False
+    return True
+
+
 def compare_modes(backward: Callable[[], Array], directions: np.ndarray, expected: Float[np.ndarray, " k"]) -> Finding:
     """The gradient [n] that `backward` returns, against what forward mode found along directions [n, k]."""
     try:
-        found = np.asarray(backward()) @ directions
+        found = np.asarray(backward())
     except ValueError as refusal:
         if REFUSED not in str(refusal):
             raise
         sentence = (
             "reverse mode raises an error: there is a loop of unknown length (in stock mjx.step it is the solver)"
         )
-        return Finding(
-            "reverse mode", Level.CARE, sentence, None, "use forward mode; of mjx.step, differentiate tog.step"
-        )
+        return Finding("reverse mode", Level.CARE, sentence, None, _REMEDY)
     if not np.isfinite(found).all():
         return Finding("reverse mode", Level.FAULT, "reverse mode gives NaN or infinity", None, _REMEDY)
-    error = relative(found, expected)
+    error = relative(found @ directions, expected)
     sentence = f"forward and reverse mode differ by {error:.0e}"
     if error <= (SAME if jax.config.values["jax_enable_x64"] else SAME_SINGLE):
         return Finding("reverse mode", Level.FINE, sentence, error)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from tog_mjx._mjx import mjx, put_model
+from tog_mjx.batches import call_in_chunks
 from tog_mjx.checks.scene_function import STATE, SceneFunction
 from tog_mjx.checks.tangents import in_velocity_space, state_basis
 from tog_mjx.constraints import constraint_force, constraint_hessian, read_rows
@@ -96,10 +97,7 @@ class Simulation:
 
     def values(self, points: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
         """y at displacements x."""
-        whole = np.resize(points, (-(-len(points) // _CHUNK) * _CHUNK, points.shape[1]))
-        return np.concatenate([np.asarray(self._batch(some)) for some in np.split(whole, len(whole) // _CHUNK)])[
-            : len(points)
-        ]
+        return call_in_chunks(self._batch, points, _CHUNK)
 
     def value(self, x: Float[Array, " n"]) -> Float[Array, " m"]:
         """y at a displacement, differentiable in both modes."""

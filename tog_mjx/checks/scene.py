@@ -4,11 +4,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 
 from tog_mjx.checks.agreement import agreement, sweep
 from tog_mjx.checks.cost import cost
+from tog_mjx.checks.estimators import batch_of_gradients, compare_estimators, steepest
 from tog_mjx.checks.finding import Finding, Report, Verdict
 from tog_mjx.checks.function import directions_at
 from tog_mjx.checks.modes import differentiation, reverse
@@ -31,6 +33,7 @@ def check_scene(
     differentiation: str = "implicit",
     path: str | Path | None = None,
     quick: bool = False,
+    estimators: bool = False,
     report: Report | None = None,
 ) -> Verdict:
     """Can the gradient of this scene's motion be trusted?
@@ -41,6 +44,8 @@ def check_scene(
       steps, wrt, output, differentiation: see `SceneFunction`.
       path: the file that the model was read from: the preflight then names its lines.
       quick: leaves out what compiles the motion again: other modes, float32 and the cost.
+      estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of
+        several outputs, to lower the one whose derivative is largest.
 
     Raises:
       InputError: for what is not in the scene.
@@ -62,7 +67,10 @@ def check_scene(
         directions, names = directions_at(scene.scale, list(scene.variables))
         simulation = Simulation(scene, directions)
         motion = simulation.run()
-        for name, check in _checks(simulation, motion, names, quick):
+        checks = list(_checks(simulation, motion, names, quick))
+        if estimators:
+            checks.append(("estimators", lambda: _estimators(simulation, motion)))
+        for name, check in checks:
             say(name, None)
             findings.append(check())
             say(name, findings[-1])
@@ -98,3 +106,14 @@ def _checks(
     yield "reverse mode", lambda: reverse(simulation, motion)
     yield "differentiation", lambda: differentiation(simulation, motion)
     yield "cost", lambda: cost(simulation)
+
+
+def _estimators(simulation: Simulation, motion: Motion) -> Finding:
+    scene, i = simulation.scene, steepest(motion.slopes)
+    scale = jnp.asarray(scene.scale)
+    return compare_estimators(
+        lambda points: simulation.values(scene.scale * points)[:, i],
+        batch_of_gradients(lambda z: simulation.value(scale * z)[i], scene.size),
+        scene.size,
+        scene.outputs[i],
+    )

@@ -26,6 +26,7 @@ _LOOKS = {
     "time step": _Look("time step, relative", "time step, relative", "gradient norm", ("log", "linear")),
     "stiffness": _Look("stiffness, relative", "stiffness, relative", "gradient norm", ("log", "linear")),
     "solver": _Look("iterations", "solver iterations", "gradient norm", ("log", "linear")),
+    "estimators": _Look("sigma", "standard deviation of the perturbations, relative", "", ("log", "log")),
     "parity": _Look("step", "time step", "relative difference", ("linear", "log")),
 }
 

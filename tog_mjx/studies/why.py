@@ -23,11 +23,10 @@ from tog_mjx.batches import map_points
 from tog_mjx.comparison import Run, compute
 from tog_mjx.digests import made_with
 from tog_mjx.figures.why import draw_why
-from tog_mjx.gradients import Objective, exact_batch
+from tog_mjx.gradients import Objective, exact_batch, local
 from tog_mjx.rollout import objective
 from tog_mjx.simulators import SIMULATORS, precision
 from tog_mjx.solve import solve
-from tog_mjx.studies import local
 from tog_mjx.studies.cell import BUDGET
 from tog_mjx.studies.study import Store
 from tog_mjx.tasks import TASKS, get_task

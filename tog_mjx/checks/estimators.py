@@ -1,0 +1,162 @@
+"""Which gradient to follow from a point: the exact one, or an average over perturbations? The estimators, compared.
+
+At each scale sigma the variables, in units of their own scales, are perturbed by w ~ N(0, sigma^2 I). The mean of
+antithetic zeroth-order terms over many w is the gradient of the smoothed J_sigma(u) = E J(u + w), unbiased also where J
+jumps; the exact gradient and the mean of exact gradients at perturbed points are held against it. Then a step as long
+as a typical w is tried against each: which lowers J most, for what 8 exact gradients cost?
+"""
+
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from tog_mjx.batches import call_in_chunks
+from tog_mjx.checks.finding import Finding, Level
+from tog_mjx.checks.modes import is_reversible
+from tog_mjx.gradients import Objective, exact_batch, local
+from tog_mjx.gradients.exact import FORWARD_LIMIT
+from tog_mjx.step_check import compile_quickly
+
+SIGMAS = (1e-3, 1e-2, 1e-1)
+SAMPLES, PAIRS, AVERAGED = 64, 256, 8
+"""Gradients and pairs of values at each sigma; gradients in one first-order estimate."""
+_CHUNK = 8
+"""Gradients at a time: reverse mode keeps the whole motion of each."""
+_NEARLY = 0.95
+"""An average that gains little more than the exact gradient is not worth its cost."""
+NAMES = ("exact", "first order", "zeroth order")
+_MEANT = {"exact": "the exact gradient", "first order": "the mean of exact gradients nearby (first order)"}
+_MEANT |= {"zeroth order": "zeroth order", "none": "none (no step lowers it)"}
+
+Batch = Callable[[Float[np.ndarray, "N n"]], np.ndarray]
+
+
+class Comparison(NamedTuple):
+    """At one sigma: signal-to-noise and variance of one sample; errors of the exact gradient and of the mean of first
+    order, and the standard error of what they are held against, relative to its norm; gains of a step by NAMES (of
+    averages the mean over draws); and the share of zeroth-order draws that gain less than the exact gradient."""
+
+    snr_zeroth: float
+    snr_first: float
+    variance_zeroth: float
+    variance_first: float
+    bias_exact: float
+    bias_first: float
+    noise: float
+    gains: dict[str, float]
+    exact_wins: float
+
+    @property
+    def follow(self) -> str:
+        """One of NAMES, or none."""
+        best = max(NAMES, key=lambda name: self.gains[name])
+        if not self.gains[best] > 0:
+            return "none"
+        return "exact" if self.gains["exact"] >= _NEARLY * self.gains[best] else best
+
+
+def batch_of_gradients(J: Objective, n: int) -> Batch:
+    """The gradients [N, n] of J at points [N, n]; in forward mode where variables are few, or reverse mode refuses."""
+    batch = exact_batch(J)
+    if n > FORWARD_LIMIT and is_reversible(J, n):
+        batch = jax.vmap(jax.value_and_grad(J))
+    run = compile_quickly(batch)
+    return lambda points: call_in_chunks(run, points, _CHUNK)[1]
+
+
+def compare_at(values: Batch, gradients: Batch, n: int, sigma: float, charge: int) -> Comparison:
+    """The estimators of the gradient at 0, with `values` [N] and `gradients` [N, n] of points [N, n].
+
+    Args:
+      charge: evaluations of J that cost as much as an exact gradient.
+    """
+    normals = np.random.default_rng(0).normal(size=(PAIRS, n))
+    costs = values(np.concatenate([np.zeros((1, n)), sigma * normals, -sigma * normals]))
+    slopes = gradients(np.concatenate([np.zeros((1, n)), sigma * normals[:SAMPLES]]))
+    (cost, ahead, behind), exact = np.split(costs, [1, 1 + PAIRS]), slopes[0]
+    terms = local.zeroth_terms(np.concatenate([ahead, behind]) - cost, np.concatenate([normals, -normals]), sigma)
+    symmetric = _least_noisy(ahead, behind, normals, sigma, exact)
+    smooth, first = symmetric.mean(0), slopes[1:]
+    # Both halves of a pair never serve in the same estimate: they are not independent.
+    number = min(AVERAGED * charge, PAIRS)
+    draws = terms.reshape(2, PAIRS, n)[:, : PAIRS // number * number].reshape(-1, number, n).mean(1)
+    ways = np.concatenate([exact[None], first.reshape(-1, AVERAGED, n).mean(1), draws])
+    gains = cost - values(local.stepped(np.zeros(n), ways, sigma * n**0.5))
+    of_first, of_zeroth = np.split(gains[1:], [SAMPLES // AVERAGED])
+    return Comparison(
+        snr_zeroth=local.signal_to_noise(terms),
+        snr_first=local.signal_to_noise(first),
+        variance_zeroth=float(terms.var(0, ddof=1).sum()),
+        variance_first=float(first.var(0, ddof=1).sum()),
+        bias_exact=local.relative_error(exact, smooth),
+        bias_first=local.relative_error(first.mean(0), smooth),
+        noise=local.noise_of_mean(symmetric),
+        gains=dict(zip(NAMES, (float(gains[0]), float(of_first.mean()), float(of_zeroth.mean())), strict=True)),
+        exact_wins=local.beaten(float(gains[0]), of_zeroth),
+    )
+
+
+def _least_noisy(ahead: np.ndarray, behind: np.ndarray, normals: np.ndarray, sigma: float, exact: np.ndarray):
+    """Antithetic terms [N, n] whose mean is the smoothed gradient: plain, or with the linear part, whose smoothed
+    gradient is known, taken out of J beforehand."""
+    rises = (ahead - behind) / 2
+    plain = local.zeroth_terms(rises, normals, sigma)
+    controlled = exact + local.zeroth_terms(rises - sigma * normals @ exact, normals, sigma)
+    return controlled if local.noise_of_mean(controlled) < local.noise_of_mean(plain) else plain
+
+
+def compare_estimators(values: Batch, gradients: Batch, n: int, name: str) -> Finding:
+    """Which gradient to follow at each of SIGMAS; `name` is that of the number to lower. See `compare_at`."""
+    charge = _charge(values, gradients, n)
+    found = [compare_at(values, gradients, n, sigma, charge) for sigma in SIGMAS]
+    curves: dict[str, Any] = {"sigma": list(SIGMAS)}
+    for key in ("snr_zeroth", "snr_first", "bias_exact", "bias_first", "noise", "variance_zeroth", "variance_first"):
+        curves[key.replace("_", ", ").replace("snr", "signal-to-noise")] = [getattr(some, key) for some in found]
+    for way in NAMES:
+        curves[f"gain, {way}"] = [some.gains[way] for some in found]
+    curves["share of zeroth-order draws that gain less than exact"] = [some.exact_wins for some in found]
+    follow = [some.follow for some in found]
+    sentence = (
+        f"to lower {name} follow {_told(follow)} (at a cost of {AVERAGED} gradients, each as dear as {charge} values); "
+        f"at perturbations of {_listed(SIGMAS)} of a large one a sample's signal-to-noise is "
+        f"{_listed(some.snr_zeroth for some in found)} in zeroth order and {_listed(some.snr_first for some in found)} "
+        f"in first, and the exact gradient is off the smoothed one by {_listed(some.bias_exact for some in found)} of "
+        f"it (known to {_listed(some.noise for some in found)})"
+    )
+    if "exact" in follow or set(follow) == {"none"}:
+        return Finding("estimators", Level.FINE, sentence, found[0].exact_wins, "", curves)
+    remedy = "the gradient is a poor guide here: follow tog_mjx.gradients.first_order or zeroth_order instead"
+    return Finding("estimators", Level.CARE, sentence, found[0].exact_wins, remedy, curves)
+
+
+def steepest(slopes: Float[np.ndarray, "m k"]) -> int:
+    """Which of m values has the largest derivative."""
+    return int(np.linalg.norm(slopes, axis=1).argmax())
+
+
+def _told(follow: list[str]) -> str:
+    """What to follow, by the scale of the step."""
+    if len(set(follow)) == 1:
+        return f"{_MEANT[follow[0]]} at every scale tried"
+    scales = {way: [sigma for sigma, some in zip(SIGMAS, follow, strict=True) if some == way] for way in follow}
+    return "; ".join(f"{_MEANT[way]} over steps of {_listed(some)}" for way, some in scales.items())
+
+
+def _listed(numbers: Any) -> str:
+    return ", ".join(f"{number:.2g}" for number in numbers)
+
+
+def _charge(values: Batch, gradients: Batch, n: int) -> int:
+    """Values that take as long as a gradient, on this machine; the first calls have compiled."""
+    points = np.zeros((SAMPLES, n))
+    seconds = []
+    for batch in (values, gradients):
+        batch(points)
+        begin = time.perf_counter()
+        batch(points)
+        seconds.append(time.perf_counter() - begin)
+    return max(1, round(seconds[1] / seconds[0]))
