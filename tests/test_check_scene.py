@@ -2,9 +2,11 @@
 
 import json
 import tomllib
+from importlib import resources
 from pathlib import Path
 
 import jax
+import jsonschema
 import mujoco
 import numpy as np
 import pytest
@@ -20,6 +22,14 @@ GALLERY = Path(__file__).parent / "scenes" / "verdicts"
 SCENES = tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]
 NOT_QUICK = ("precision", "reverse mode", "differentiation")
 """Checks that the quick version leaves out."""
+
+
+def validate_verdict(found: dict) -> None:
+    """The documented schema holds, and no number is NaN."""
+    schema = json.loads(resources.files("tog_mjx").joinpath("checks", "verdict.schema.json").read_text())
+    jsonschema.validate(json.loads(json.dumps(found, allow_nan=False)), schema)
+    for finding in found["findings"]:
+        assert len({len(curve) for curve in finding["curves"].values()}) <= 1
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene["file"])
@@ -39,7 +49,7 @@ def test_the_gallery_gets_its_verdicts(scene):
     if scene["check"]:
         named = [finding.check for finding in verdict.findings if finding.level > Level.FINE]
         assert scene["check"] in named
-    json.dumps(verdict.as_json(), allow_nan=False)
+    validate_verdict(verdict.as_json())
 
 
 PENDULUM = """
@@ -145,6 +155,7 @@ def test_the_script_writes_json_and_a_page(run_script, tmp_path):
     assert status == 0
     assert said.strip().endswith("trust: no check found a fault")
     assert found["verdict"] == "trust"
+    validate_verdict(found)
     curves = [finding["check"] for finding in found["findings"] if finding["curves"]]
     assert page.count("<img ") == len([name for name in curves if name != "cost"]) >= 3
     assert jax.config.values["jax_enable_x64"]

@@ -28,17 +28,31 @@ _CHUNK = 8
 """Gradients at a time: reverse mode keeps the whole motion of each."""
 _NEARLY = 0.95
 """An average that gains little more than the exact gradient is not worth its cost."""
+_BIASED = 0.1
+"""An error of the mean of first order that is told, if it is not noise."""
 NAMES = ("exact", "first order", "zeroth order")
 _MEANT = {"exact": "the exact gradient", "first order": "the mean of exact gradients nearby (first order)"}
 _MEANT |= {"zeroth order": "zeroth order", "none": "none (no step lowers it)"}
+
+_CURVES = {
+    "snr_zeroth": "signal-to-noise, zeroth order",
+    "snr_first": "signal-to-noise, first order",
+    "bias_exact": "error, exact",
+    "bias_first": "error, first order",
+    "noise": "error not resolved",
+    "variance_zeroth": "variance, zeroth order",
+    "variance_first": "variance, first order",
+    "exact_wins": "share of zeroth-order draws that gain less than exact",
+}
 
 Batch = Callable[[Float[np.ndarray, "N n"]], np.ndarray]
 
 
 class Comparison(NamedTuple):
     """At one sigma: signal-to-noise and variance of one sample; errors of the exact gradient and of the mean of first
-    order, and the standard error of what they are held against, relative to its norm; gains of a step by NAMES (of
-    averages the mean over draws); and the share of zeroth-order draws that gain less than the exact gradient."""
+    order, and the standard errors of the smoothed gradient and of that mean, all relative to the smoothed gradient;
+    gains of a step by NAMES (of averages the mean over draws); and the share of zeroth-order draws that gain less than
+    the exact gradient."""
 
     snr_zeroth: float
     snr_first: float
@@ -47,6 +61,7 @@ class Comparison(NamedTuple):
     bias_exact: float
     bias_first: float
     noise: float
+    noise_first: float
     gains: dict[str, float]
     exact_wins: float
 
@@ -57,6 +72,11 @@ class Comparison(NamedTuple):
         if not self.gains[best] > 0:
             return "none"
         return "exact" if self.gains["exact"] >= _NEARLY * self.gains[best] else best
+
+    @property
+    def jumps(self) -> bool:
+        """Whether J does: of any continuous J first order is unbiased too."""
+        return self.bias_first > max(_BIASED, 4 * float(np.hypot(self.noise, self.noise_first)))
 
 
 def batch_of_gradients(J: Objective, n: int) -> Batch:
@@ -95,6 +115,7 @@ def compare_at(values: Batch, gradients: Batch, n: int, sigma: float, charge: in
         bias_exact=local.relative_error(exact, smooth),
         bias_first=local.relative_error(first.mean(0), smooth),
         noise=local.noise_of_mean(symmetric),
+        noise_first=float((first.var(0, ddof=1).sum() / SAMPLES) ** 0.5 / (np.linalg.norm(smooth) or np.inf)),
         gains=dict(zip(NAMES, (float(gains[0]), float(of_first.mean()), float(of_zeroth.mean())), strict=True)),
         exact_wins=local.beaten(float(gains[0]), of_zeroth),
     )
@@ -114,11 +135,10 @@ def compare_estimators(values: Batch, gradients: Batch, n: int, name: str) -> Fi
     charge = _charge(values, gradients, n)
     found = [compare_at(values, gradients, n, sigma, charge) for sigma in SIGMAS]
     curves: dict[str, Any] = {"sigma": list(SIGMAS)}
-    for key in ("snr_zeroth", "snr_first", "bias_exact", "bias_first", "noise", "variance_zeroth", "variance_first"):
-        curves[key.replace("_", ", ").replace("snr", "signal-to-noise")] = [getattr(some, key) for some in found]
+    for name_of, curve in _CURVES.items():
+        curves[curve] = [getattr(some, name_of) for some in found]
     for way in NAMES:
         curves[f"gain, {way}"] = [some.gains[way] for some in found]
-    curves["share of zeroth-order draws that gain less than exact"] = [some.exact_wins for some in found]
     follow = [some.follow for some in found]
     sentence = (
         f"to lower {name} follow {_told(follow)} (at a cost of {AVERAGED} gradients, each as dear as {charge} values); "
@@ -127,9 +147,17 @@ def compare_estimators(values: Batch, gradients: Batch, n: int, name: str) -> Fi
         f"in first, and the exact gradient is off the smoothed one by {_listed(some.bias_exact for some in found)} of "
         f"it (known to {_listed(some.noise for some in found)})"
     )
+    remedy = "average values over perturbations: tog_mjx.gradients.zeroth_order"
+    if jumps := [some for some in zip(SIGMAS, found, strict=True) if some[1].jumps]:
+        sigma, first = jumps[0]
+        told = (
+            f"the value jumps within perturbations of {sigma:.2g}, which no derivative sees: first order is biased by "
+        )
+        sentence = f"{told}{first.bias_first:.2g}; {sentence}"
+        return Finding("estimators", Level.CARE, sentence, first.bias_first, remedy, curves)
     if "exact" in follow or set(follow) == {"none"}:
         return Finding("estimators", Level.FINE, sentence, found[0].exact_wins, "", curves)
-    remedy = "the gradient is a poor guide here: follow tog_mjx.gradients.first_order or zeroth_order instead"
+    sentence = f"the exact gradient is a poor guide here: {sentence}"
     return Finding("estimators", Level.CARE, sentence, found[0].exact_wins, remedy, curves)
 
 

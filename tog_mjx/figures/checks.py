@@ -18,6 +18,8 @@ class _Look(NamedTuple):
     label: str
     y_label: str
     scale: tuple[str, str]
+    shown: tuple[str, ...] = ()
+    """The curves shown: all, where none are named."""
 
 
 _LOOKS = {
@@ -26,7 +28,19 @@ _LOOKS = {
     "time step": _Look("time step, relative", "time step, relative", "gradient norm", ("log", "linear")),
     "stiffness": _Look("stiffness, relative", "stiffness, relative", "gradient norm", ("log", "linear")),
     "solver": _Look("iterations", "solver iterations", "gradient norm", ("log", "linear")),
-    "estimators": _Look("sigma", "standard deviation of the perturbations, relative", "", ("log", "log")),
+    "estimators": _Look(
+        "sigma",
+        "standard deviation of the perturbations, relative",
+        "of one sample; of the mean, relative",
+        ("log", "log"),
+        (
+            "signal-to-noise, zeroth order",
+            "signal-to-noise, first order",
+            "error, exact",
+            "error, first order",
+            "error not resolved",
+        ),
+    ),
     "parity": _Look("step", "time step", "relative difference", ("linear", "log")),
 }
 
@@ -43,11 +57,15 @@ def draw_finding(finding: Finding) -> Figure:
     with rc_context(RC):
         figure = new_figure(5.6, 3.2)
         axes = figure.subplots()
-        others = {name: np.array(y, float) for name, y in finding.curves.items() if name != look.x}
+        others = {
+            name: np.array(y, float)
+            for name, y in finding.curves.items()
+            if name != look.x and name in (look.shown or finding.curves)
+        }
         for i, (name, y) in enumerate(others.items()):
-            shown = np.where(y > 0, y, math.nan) if look.scale[1] == "log" else y
+            drawn = np.where(y > 0, y, math.nan) if look.scale[1] == "log" else y
             style: dict[str, Any] = {"color": _COLORS[i % len(_COLORS)], "linestyle": _STYLES[i % len(_STYLES)]}
-            axes.plot(x, np.where(np.isfinite(shown), shown, math.nan), marker="." * (len(x) < 70), label=name, **style)
+            axes.plot(x, np.where(np.isfinite(drawn), drawn, math.nan), marker="." * (len(x) < 70), label=name, **style)
         axes.set(xlabel=look.label, ylabel=look.y_label, xscale=look.scale[0])
         if look.scale[1] == "log" and any((y > 0).any() for y in others.values()):
             axes.set_yscale("log")
