@@ -9,6 +9,7 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx.checks.finding import Level
+from tog_mjx.checks.single import judge_single
 
 
 @pytest.fixture(autouse=True)
@@ -124,3 +125,20 @@ def test_a_verdict_is_plain_json():
     assert found["reason"] == "finite"
     assert found["gradient"] == [[None, None]]
     assert [finding["level"] for finding in found["findings"]][:1] == ["fault"]
+
+
+@pytest.mark.parametrize(
+    ("single", "full", "level", "remedy"),
+    [
+        (1.0, None, Level.FINE, ""),
+        (1.1, None, Level.CARE, "jax_enable_x64"),
+        (3.0, None, Level.FAULT, "jax_enable_x64"),
+        (3.0, 1.001, Level.FAULT, "jax_default_matmul_precision"),
+        (3.0, 2.0, Level.FAULT, "jax_enable_x64"),
+        (np.inf, 1.0, Level.FAULT, "jax_enable_x64"),
+    ],
+)
+def test_rounding_is_told_from_rounded_products(single, full, level, remedy):
+    found = judge_single(np.ones((2, 2)), np.full((2, 2), single), None if full is None else np.full((2, 2), full))
+    assert found.level == level
+    assert remedy in found.remedy

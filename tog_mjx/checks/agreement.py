@@ -77,7 +77,7 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
         return say(
             Level.CARE,
             f"the point lies on a kink: the slopes to either side differ, and autodiff is {side}",
-            "move the point, or average the gradient over small perturbations",
+            "move the point, or average over small perturbations: the estimators tell whether that helps",
         )
     if error <= max(ACCEPTED, 10 * settled) and settled <= SETTLED:
         if holds.max() < NARROW:
@@ -96,7 +96,7 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
         Level.CARE,
         f"differences never settle (they change by {settled:.0e} at best): the function jumps within a step's length"
         + (f"; {reach}" if reach else ""),
-        "average over perturbations (tog_mjx.gradients.zeroth_order), or soften the contact",
+        "soften the contact, or average over perturbations: the estimators tell over which",
     )
 
 

@@ -10,12 +10,24 @@ SLIGHT, GRAVE = 0.01, 0.5
 """Relative errors that are told, and that leave nothing of the gradient."""
 
 
-def judge_single(double: Float[np.ndarray, "m k"], single: Float[np.ndarray, "m k"]) -> Finding:
+def judge_single(
+    double: Float[np.ndarray, "m k"], single: Float[np.ndarray, "m k"], full: Float[np.ndarray, "m k"] | None = None
+) -> Finding:
+    """The gradient in float32 against that in float64.
+
+    `full` is the one in float32 with matrix products that keep all of it: by default accelerators round their factors
+    to ten bits or fewer.
+    """
     remedy = "use float64: jax.config.update('jax_enable_x64', True)"
     if not np.isfinite(single).all():
         return Finding("precision", Level.FAULT, "in float32, JAX's default, the gradient is not finite", None, remedy)
     error = relative(double, single)
     sentence = f"in float32, JAX's default, the gradient differs by {error:.0e} from that in float64"
+    if full is not None:
+        at_best = relative(double, full)
+        sentence += f", and by {at_best:.0e} with full matrix products"
+        if at_best <= SLIGHT:
+            remedy = "keep float32 in matrix products: jax.config.update('jax_default_matmul_precision', 'highest')"
     if error <= SLIGHT:
         return Finding("precision", Level.FINE, sentence, error)
     return Finding("precision", Level.FAULT if error > GRAVE else Level.CARE, sentence, error, remedy)
