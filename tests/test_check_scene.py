@@ -15,6 +15,7 @@ import tog_mjx as tog
 from tog_mjx.checks.finding import Level
 from tog_mjx.checks.motion import NEVER, Simulation
 from tog_mjx.checks.scene_function import SceneFunction
+from tog_mjx.checks.stages import growth
 from tog_mjx.checks.starts import keyframe_start, saved_start
 from tog_mjx.scene import compile_model
 
@@ -115,6 +116,26 @@ def test_the_derivative_in_gravity_is_that_of_a_falling_body(pendulum):
     scene = SceneFunction(pendulum, mujoco.MjData(pendulum), 50, "opt.gravity[2]", lambda data: data.xpos[2, 2])
     motion = Simulation(scene, np.eye(1), states=False).run()
     np.testing.assert_allclose(motion.slopes, [[1e-6 * 50 * 51 / 2]], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("wrt", "level"), [("qpos", Level.CARE), ("ctrl", Level.FINE)])
+def test_a_start_that_dies_out_is_told_to_who_asks_for_it(wrt, level):
+    """A hinge on a spring, damped critically: its exp(-w t) (1 + w t) is 1e-3 near w t = 9.2."""
+    xml = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody><body>
+      <joint name="hinge" axis="0 1 0" damping="20" stiffness="100"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody>
+      <actuator><motor joint="hinge"/></actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    scene = SceneFunction(model, mujoco.MjData(model), 600, wrt, "qpos")
+    simulation = Simulation(scene, np.eye(1))
+    found = growth(simulation, simulation.run())
+    assert found.level == level
+    x, v, h, faded = 1.0, 0.0, 0.002, 0  # Euler's method, implicit in the damping.
+    while x > 1e-3 or faded % 6:  # One step in six is recorded.
+        v = (v - h * 100 * x) / (1 + h * 20)
+        x, faded = x + h * v, faded + 1
+    assert 0.9 < faded * h < 0.93
+    assert f"dies out: it falls below 1e-03 of itself in step {faded}," in found.sentence
 
 
 def test_a_start_is_a_keyframe_or_a_file(pendulum, tmp_path):

@@ -98,8 +98,10 @@ def _thickness(model: mujoco.MjModel, geom: int) -> float:
 
 
 def growth(simulation: Simulation, motion: Motion) -> Finding:
-    """How a change of the initial positions grows, and how long a horizon is worth differentiating."""
+    """How a change of the initial positions grows or dies out, and how long a horizon is worth differentiating."""
     nv = simulation.scene.model.nv
+    if nv == 0:
+        return Finding("growth", Level.FINE, "nothing can move")
     block = motion.jacobians[:, :nv, :nv]
     is_finite = np.isfinite(block).all(axis=(1, 2))
     singular = np.linalg.svd(np.where(is_finite[:, None, None], block, 0.0), compute_uv=False)
@@ -112,6 +114,16 @@ def growth(simulation: Simulation, motion: Motion) -> Finding:
         **{f"derivative along direction {i}": column.tolist() for i, column in enumerate(motion.moved.T[:4])},
     }
     most, last = float(largest.max()), float(largest[-1])
+    faded = motion.times[largest < 1 / GREAT]
+    if len(faded) and not len(beyond):
+        sentence = (
+            f"a change of the initial positions dies out: it falls below {1 / GREAT:.0e} of itself in step {faded[0]}, "
+            "the longest horizon worth differentiating in the initial state"
+        )
+        is_asked = simulation.scene.wrt.partition("[")[0] in ("qpos", "qvel")
+        remedy = f"differentiate no more than {faded[0]} steps in the initial state; later ones do not feel it"
+        level = Level.CARE if is_asked else Level.FINE
+        return Finding("growth", level, sentence, last, remedy * is_asked, curves)
     if not len(beyond):
         sentence = f"a change of the initial positions grows at most {most:.2g} times, and is {last:.2g} at the end"
         return Finding("growth", Level.FINE, sentence, most, "", curves)
