@@ -7,6 +7,7 @@ physical parameter does not compile again, and always the same number of setpoin
 import contextlib
 import io
 import runpy
+import signal
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -32,6 +33,9 @@ tune_compiler()  # As scripts do.
 # The first example of a test compiles; a machine's speed is no property of the code.
 settings.register_profile("tog_mjx", deadline=None, derandomize=True)
 settings.load_profile("tog_mjx")
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # As in a shell's background job: scripts would inherit it.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 POINTS = 64
 
