@@ -1,5 +1,6 @@
 """The checks of a scene."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -67,10 +68,8 @@ def check_scene(
         directions, names = directions_at(scene.scale, list(scene.variables))
         simulation = Simulation(scene, directions)
         motion = simulation.run()
-        checks = list(_checks(simulation, motion, names, quick))
-        if estimators:
-            checks.append(("estimators", lambda: _estimators(simulation, motion)))
-        for name, check in checks:
+        last = [("estimators", lambda: _estimators(simulation, motion))] if estimators else []
+        for name, check in itertools.chain(_checks(simulation, motion, names, quick), last):
             say(name, None)
             findings.append(check())
             say(name, findings[-1])
