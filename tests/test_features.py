@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
+from tog_mjx import implicit
 from tog_mjx._mjx import mjx
 from tog_mjx.step_check import TOLERANCE, Verdict, column_errors, compile_quickly, judge, reference, step_function
 
@@ -89,3 +90,22 @@ def test_mass_moves_no_inverse_weight_but_both_together_are_the_recompiled_model
     of_mass, of_weight = gradient.body_mass[1], gradient.body_invweight0[1, 0]
     assert abs(of_mass - recompiled) > 0.1 * abs(of_mass)
     np.testing.assert_allclose(of_mass - of_weight / mass**2, recompiled, rtol=1e-6, atol=1e-9)
+
+
+def test_the_spring_of_a_tendon_at_its_rest_length_has_its_derivative():
+    """Where every model is that nobody has deflected; stock MJX's derivative is zero there."""
+    xml = """<mujoco><worldbody><body><joint name="hinge"/><geom size="0.1" pos="0.3 0 0"/></body></worldbody>
+      <tendon><fixed stiffness="5" {}><joint joint="hinge" coef="2"/></fixed></tendon></mujoco>"""
+
+    def slope(forward, spring: str) -> float:
+        model = mjx.put_model(mujoco.MjModel.from_xml_string(xml.format(spring)), impl="jax")
+
+        def force(angle):
+            return forward(model, mjx.make_data(model).replace(qpos=angle[None])).qfrc_passive[0]
+
+        assert float(force(jnp.array(0.0))) == 0
+        return float(jax.jacfwd(force)(jnp.array(0.0)))
+
+    assert slope(mjx.forward, "") == 0
+    assert slope(implicit.forward, "") == slope(implicit.forward, 'springlength="0"') == -20
+    assert slope(implicit.forward, 'springlength="-0.1 0.1"') == 0  # In the middle of a dead band.

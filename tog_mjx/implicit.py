@@ -28,6 +28,7 @@ import functools
 from collections.abc import Callable
 
 import jax
+import jax.numpy as jnp
 from jax.ad_checkpoint import checkpoint_name
 from jax.custom_derivatives import SymbolicZero
 from jax.scipy.linalg import cho_factor, cho_solve
@@ -60,7 +61,7 @@ def forward(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """`mjx.forward`, differentiable: the accelerations and forces of a state, without integration."""
     require_jax(model, data)
     data = mjx.sensor_pos(model, mjx.fwd_position(model, data))
-    data = mjx.sensor_vel(model, mjx.fwd_velocity(model, data))
+    data = mjx.sensor_vel(model, _spring_back(model, mjx.fwd_velocity(model, data)))
     data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
     rows = read_rows(model, data)
     if rows.jacobian.size == 0:
@@ -71,6 +72,19 @@ def forward(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     forces = with_derivative_of((solved.qfrc_constraint, solved._impl.efc_force), (rows.jacobian.T @ force, force))
     data = data.tree_replace({"qacc": qacc, "qfrc_constraint": forces[0], "_impl.efc_force": forces[1]})
     return mjx.sensor_acc(model, data)
+
+
+def _spring_back(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """The same forces, with the derivative of a tendon's spring at its rest length, where an undeflected model is.
+
+    MJX puts the force together from two sides, and takes neither at the point between them: it has the derivative zero.
+    """
+    off = mjx.DisableBit.SPRING | mjx.DisableBit.DAMPER  # With either MJX leaves out all passive forces.
+    if model.ntendon == 0 or model.opt.disableflags & off:
+        return data
+    low, high = model.tendon_lengthspring.T
+    stretch = jnp.where((low == high) & (data.ten_length == low), data.ten_length - low, 0.0)
+    return data.replace(qfrc_passive=data.qfrc_passive - data._impl.ten_J.T @ (model.tendon_stiffness * stretch))
 
 
 @jax.custom_jvp
