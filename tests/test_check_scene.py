@@ -16,6 +16,7 @@ from tog_mjx.checks.finding import Level
 from tog_mjx.checks.motion import NEVER, Simulation
 from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.stages import growth
+from tog_mjx.checks.stages import contacts
 from tog_mjx.checks.starts import keyframe_start, saved_start
 from tog_mjx.scene import compile_model
 
@@ -136,6 +137,22 @@ def test_a_start_that_dies_out_is_told_to_who_asks_for_it(wrt, level):
         x, faded = x + h * v, faded + 1
     assert 0.9 < faded * h < 0.93
     assert f"dies out: it falls below 1e-03 of itself in step {faded}," in found.sentence
+
+
+def test_a_contact_acts_within_its_margin():
+    xml = """<mujoco><worldbody><geom name="floor" type="plane" size="1 1 1"/><body pos="0 0 0.105">
+      <joint type="slide" axis="0 0 1"/><geom name="ball" size="0.1" margin="{}" condim="1"/></body>
+      </worldbody></mujoco>"""
+    for margin, distance in (("0", 0.005), ("0.02", -0.015)):
+        model = mujoco.MjModel.from_xml_string(xml.format(margin))
+        scene = SceneFunction(model, mujoco.MjData(model), 1, "qvel")
+        motion = Simulation(scene, np.eye(1)).run()
+        np.testing.assert_allclose(motion.distance, [distance], atol=1e-12)
+        assert motion.geoms.tolist() == [[0, 1]]
+        finding = contacts(Simulation(scene, np.eye(1)), motion)
+        assert ("geom floor and geom ball overlap by 0.015 m at most, their margin" in finding.sentence) == (
+            distance < 0
+        )
 
 
 def test_a_start_is_a_keyframe_or_a_file(pendulum, tmp_path):

@@ -3,7 +3,6 @@
 One compiled program serves most checks: the model, the state to start from and the number of steps are its arguments.
 """
 
-import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -35,8 +34,9 @@ class Motion(NamedTuple):
     value [m], slopes [m, k]; `bad_value` and `bad_slope` [Q] are the first steps at which a quantity or its derivative
     is not finite, by QUANTITIES, or NEVER. `times` [S] are steps; `moved` [S, k] the norms of the state's derivative
     along the directions; `jacobians` [S, 2 nv + na, s] that of the state in the initial one, both in velocity space.
-    Over the motion: the least distance [C] of the surfaces of each candidate contact, and the step of it; and the
-    largest Newton correction that the solver's answers still ask for, relative to the acceleration.
+    Over the motion: the least distance [C] of each candidate contact, of the surfaces and less the margin (below zero
+    there is a force); the step of it, and the geoms [C, 2]; and the largest Newton correction that the solver's
+    answers still ask for, relative to the acceleration.
     """
 
     value: np.ndarray
@@ -50,6 +50,7 @@ class Motion(NamedTuple):
     qvel: np.ndarray
     distance: np.ndarray
     distance_step: np.ndarray
+    geoms: np.ndarray
     correction: np.ndarray
 
 
@@ -64,12 +65,6 @@ class Simulation:
         self._rows = directions.shape[1] + self._states
         self._run = compile_quickly(self._motion)
         self._batch = compile_quickly(jax.vmap(self.value))
-
-    @functools.cached_property
-    def contact_geoms(self) -> np.ndarray:
-        """The geoms of each candidate contact, [ncon, 2]."""
-        data = compile_quickly(mjx.collision)(self.model, mjx.kinematics(self.model, self.data))
-        return np.asarray(data._impl.contact.geom)
 
     def run(self, model: mjx.Model | None = None, steps: int | None = None, start: dict | None = None) -> Motion:
         """The motion of another model (its arrays may differ), of so many steps, from another state."""
@@ -92,6 +87,7 @@ class Simulation:
             qvel=found["qvel"][used],
             distance=found["distance"],
             distance_step=found["distance_step"],
+            geoms=found["geoms"].astype(int),
             correction=found["correction"],
         )
 
@@ -158,7 +154,8 @@ class Simulation:
 def _advance(scene: SceneFunction, model: mjx.Model, data: mjx.Data, state: dict | None = None) -> Any:
     """The next state, and what the stages of the step have left."""
     after = STEPS[scene.differentiation](model, data.replace(**state) if state else data)
-    distance = after._impl.contact.dist
+    contact = after._impl.contact
+    distance = contact.dist - contact.includemargin
     stages = {
         "collision": distance,
         "smooth dynamics": after.qacc_smooth,
@@ -166,8 +163,11 @@ def _advance(scene: SceneFunction, model: mjx.Model, data: mjx.Data, state: dict
         "solver": after.qacc,
         "integrator": (after.qpos, after.qvel),
     }
-    still = jax.lax.stop_gradient(_correction(model, after))
-    return {name: getattr(after, name) for name in STATE}, {**stages, "correction": still}
+    # As floats, like all that is carried along: integers have tangents of a kind of their own.
+    still = jax.lax.stop_gradient(
+        {"correction": _correction(model, after), "geoms": contact.geom.astype(distance.dtype)}
+    )
+    return {name: getattr(after, name) for name in STATE}, {**stages, **still}
 
 
 def _correction(model: mjx.Model, data: mjx.Data) -> Float[Array, ""]:
@@ -199,6 +199,7 @@ def _empty(contacts: int, state: dict, change: dict) -> dict[str, Array]:
         "bad_slope": jnp.full(len(QUANTITIES), NEVER),
         "distance": jnp.full(contacts, jnp.inf),
         "distance_step": jnp.zeros(contacts, int),
+        "geoms": jnp.zeros((contacts, 2)),
         "correction": jnp.array(0.0),
     }
 
@@ -218,6 +219,7 @@ def _note(record: dict, i: Array, stride: Array, state: dict, change: dict, stag
         **{key: record[key].at[at].set(new) for key, new in samples.items()},
         **{key: jnp.minimum(record[key], new) for key, new in bad.items()},
         **{key: jnp.where(is_nearer, new, record[key]) for key, new in nearer.items()},
+        "geoms": jnp.where(is_nearer[:, None], stages["geoms"], record["geoms"]),
         "correction": jnp.maximum(record["correction"], stages["correction"]),
     }
 

@@ -45,16 +45,21 @@ def finite(motion: Motion) -> Finding:
 
 
 def contacts(simulation: Simulation, motion: Motion) -> Finding:
-    """How deep bodies sink into each other."""
+    """How deep bodies sink into each other, or into the margin in which they already push each other."""
     if not motion.distance.size:
         return Finding("contacts", Level.FINE, "no two geoms of the scene can touch")
     closest = int(motion.distance.argmin())
     distance, at = float(motion.distance[closest]), int(motion.distance_step[closest])
-    names, size = _met(simulation, closest)
+    names, size = _met(simulation.scene.model, motion, closest)
     if distance >= 0:
         return Finding("contacts", Level.FINE, f"nothing touches: {names} come nearest, {distance:.2g} m", distance)
     depth = -distance / size
-    sentence = f"{names} overlap by {-distance:.2g} m at most, in step {at}: {depth:.0%} of the smaller one's half size"
+    model = simulation.scene.model
+    margin = ", their margin included" if model.geom_margin.any() or model.pair_margin.any() else ""
+    sentence = (
+        f"{names} overlap by {-distance:.2g} m at most{margin}, in step {at}: "
+        f"{depth:.0%} of the smaller one's half size"
+    )
     if depth <= DEEP:
         return Finding("contacts", Level.FINE, sentence, depth)
     remedy = "stiffen the contact (solref), lighten the load, or start farther apart: deep inside, normals may flip"
@@ -67,14 +72,14 @@ def untouched(simulation: Simulation, motion: Motion) -> str:
     if not np.isfinite(distance).any():
         return ""
     closest = int(distance.argmin())
-    names, _ = _met(simulation, closest)
+    names, _ = _met(simulation.scene.model, motion, closest)
     what = "nothing is touched" if (motion.distance >= 0).all() else "no touch carries it there"
     return f"{what}; of what does not touch, {names} come nearest, {distance[closest]:.2g} m"
 
 
-def _met(simulation: Simulation, contact: int) -> tuple[str, float]:
+def _met(model: mujoco.MjModel, motion: Motion, contact: int) -> tuple[str, float]:
     """The two geoms of a candidate contact, and half the extent of the thinner one."""
-    model, geoms = simulation.scene.model, [int(geom) for geom in simulation.contact_geoms[contact]]
+    geoms = motion.geoms[contact].tolist()
     return " and ".join(geom_name(model, geom) for geom in geoms), min(_thickness(model, geom) for geom in geoms)
 
 
