@@ -13,6 +13,7 @@ from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.checks.finding import Level
 from tog_mjx.checks.preflight import Remark, preflight
 from tog_mjx.scene import models_folder
+from tog_mjx.supported import step_failure
 
 SCENE = """<mujoco>
   <option timestep="0.002" iterations="100" ls_iterations="50" OPTION=""><flag FLAG="enable"/></option>
@@ -190,6 +191,14 @@ def test_what_is_known_to_spoil_gradients_is_told_with_its_line(tmp_path, edits,
     assert remarks(tmp_path, {}) == []
 
 
+def test_a_solver_without_constraints_may_stop_at_once(tmp_path):
+    edits = {"OPTION": 'iterations="2"'}
+    assert len(remarks(tmp_path, edits)) == 1
+    assert remarks(tmp_path, {**edits, "DISABLE": "constraint"}) == []
+    assert len(remarks(tmp_path, {**edits, "DISABLE": "contact", "JOINT": 'range="-50 50"'})) == 1
+    assert remarks(tmp_path, {**edits, "DISABLE": "contact"}) == []
+
+
 def test_the_control_is_within_its_range(tmp_path):
     assert remarks(tmp_path, {"ACTUATOR": 'ctrlrange="-1 1" forcerange="-3 3"'}, "ctrl", ctrl=0.5) == []
 
@@ -234,6 +243,57 @@ def test_the_elliptic_cone_needs_geoms_that_can_meet():
         jax.eval_shape(tog.step, put_model(refused), make_data(refused))
     for fine in (("pyramidal", "true"), ("elliptic", "false")):
         assert preflight(mujoco.MjModel.from_xml_string(xml.format(*fine))) == []
+
+
+LIMITED = """<mujoco><option><flag {flag}/></option><worldbody><geom type="plane" size="5 5 .1" {off}/>
+  <body><joint range="-20 20"/><geom name="ball" size=".1" {off}/><site name="tip"/></body></worldbody>
+  <sensor>{sensor}</sensor></mujoco>"""
+OFF = 'contype="0" conaffinity="0"'
+
+
+@pytest.mark.parametrize(
+    ("sensor", "off", "flag", "refused"),
+    [
+        ('<touch site="tip"/>', OFF, 'gravity="enable"', True),
+        ('<touch site="tip"/>', "", 'contact="disable"', True),
+        ('<touch site="tip"/>', "", 'gravity="enable"', False),
+        ('<touch site="tip"/>', OFF, 'sensor="disable"', False),
+        ('<touch site="tip"/>', OFF, 'limit="disable"', False),
+        ('<contact geom1="ball" data="force"/>', OFF, 'gravity="enable"', True),
+        ('<contact geom1="ball" data="found" reduce="maxforce"/>', OFF, 'gravity="enable"', True),
+        ('<contact geom1="ball" data="found"/>', OFF, 'gravity="enable"', False),
+        ('<rangefinder site="tip"/>', "", 'gravity="enable"', True),
+        ('<rangefinder site="tip"/>', "", 'sensor="disable"', False),
+    ],
+)
+def test_a_sensor_of_what_is_not_there_is_refused_as_stock_mjx_fails(sensor, off, flag, refused):
+    model = mujoco.MjModel.from_xml_string(LIMITED.format(sensor=sensor, off=off, flag=flag))
+    blocking = [remark.what for remark in preflight(model) if remark.blocks]
+    assert [what.startswith("sensor number 0 (") for what in blocking] == [True] * refused
+    assert bool(step_failure(model)) == refused
+
+
+def test_a_rangefinder_needs_a_material():
+    xml = LIMITED.format(sensor='<rangefinder site="tip"/>', off="", flag='gravity="enable"')
+    model = mujoco.MjModel.from_xml_string(
+        xml.replace("<worldbody>", '<asset><material name="any"/></asset><worldbody>')
+    )
+    assert not any(remark.blocks for remark in preflight(model))
+    assert step_failure(model) == ""
+
+
+def test_what_nobody_knew_mjx_cannot_step_is_a_finding(monkeypatch):
+    """As long as stock MJX fails too; what fails here alone is raised."""
+    model = mujoco.MjModel.from_xml_string(
+        LIMITED.format(sensor='<touch site="tip"/>', off=OFF, flag='gravity="enable"')
+    )
+    monkeypatch.setattr("tog_mjx.checks.scene.preflight", lambda *_: [])
+    (finding,) = tog.check_scene(model, wrt="qvel", steps=2).findings
+    assert (finding.check, finding.level) == ("motion", Level.FAULT)
+    assert "at least one array to concatenate" in finding.sentence
+    monkeypatch.setattr("tog_mjx.checks.scene.step_failure", lambda _: "")
+    with pytest.raises(ValueError, match="at least one array"):
+        tog.check_scene(model, wrt="qvel", steps=2)
 
 
 def test_a_solref_below_two_time_steps_has_the_derivative_zero():

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import mujoco
 import numpy as np
 
@@ -124,6 +125,11 @@ def candidates(model: mujoco.MjModel) -> list[tuple[int, int, int]]:
     return [(int(first), int(second), int(pair)) for first, second, pair in geom_pairs(model)]
 
 
+def has_constraints(model: mujoco.MjModel) -> bool:
+    """Whether the solver can have anything to do."""
+    return bool(candidates(model)) or _has_other_rows(model)
+
+
 def _listed(found: list[Culprit]) -> str:
     return "; ".join(culprit.what for culprit in found)
 
@@ -144,7 +150,8 @@ def _options(model: mujoco.MjModel) -> Iterator[Culprit]:
             yield Culprit(f"<flag {name}='enable'>", attribute=name)
     if model.opt.integrator == mjx.IntegratorType.IMPLICITFAST and has_fluid(model):
         yield Culprit("<option integrator='implicitfast'> with a density, viscosity or wind", attribute="integrator")
-    if model.opt.cone == mjx.ConeType.ELLIPTIC and _has_other_rows(model) and not list(geom_pairs(model)):
+    is_elliptic = model.opt.cone == mjx.ConeType.ELLIPTIC and not model.opt.disableflags & mjx.DisableBit.CONTACT
+    if is_elliptic and _has_other_rows(model) and not candidates(model):
         # Stock MJX indexes an empty array there.
         yield Culprit("<option cone='elliptic'> with constraints but no geoms that can meet", attribute="cone")
 
@@ -157,7 +164,7 @@ def _has_other_rows(model: mujoco.MjModel) -> bool:
         (off.FRICTIONLOSS, (model.dof_frictionloss > 0).any() or (model.tendon_frictionloss > 0).any()),
         (off.LIMIT, model.jnt_limited.any() or model.tendon_limited.any()),
     )
-    if model.opt.disableflags & (off.CONSTRAINT | off.CONTACT):
+    if model.opt.disableflags & off.CONSTRAINT:
         return False
     return any(bool(given) and not model.opt.disableflags & flag for flag, given in rows)
 
@@ -173,6 +180,38 @@ def _elements(model: mujoco.MjModel) -> Iterator[Culprit]:
     for i in np.flatnonzero(model.sensor_type == mujoco.mjtSensor.mjSENS_CONTACT).tolist():
         if reason := _refused_contact_sensor(model, i):
             yield Culprit(f"sensor {name_of(model, 'sensor', i)} ({reason})", (("sensor", i),))
+    yield from _sensors_of_nothing(model)
+
+
+def _sensors_of_nothing(model: mujoco.MjModel) -> Iterator[Culprit]:
+    """Sensors for which stock MJX reads an empty array: what they look at must be there."""
+    if model.opt.disableflags & mjx.DisableBit.SENSOR:
+        return
+    kinds = mujoco.mjtSensor
+    sees_no_contact = _has_other_rows(model) and not candidates(model)
+    for i, kind in enumerate(model.sensor_type):
+        if kind == kinds.mjSENS_RANGEFINDER and not model.nmat:
+            why = "a rangefinder in a scene without any <material>"
+        elif sees_no_contact and (kind == kinds.mjSENS_TOUCH or _reads_forces(model, i)):
+            why = "of contact forces, with constraints but no geoms that can meet"
+        else:
+            continue
+        yield Culprit(f"sensor {name_of(model, 'sensor', i)} ({why})", (("sensor", i),))
+
+
+def _reads_forces(model: mujoco.MjModel, i: int) -> bool:
+    """Whether a sensor is one of contacts that asks for forces or torques, or for the contact of the largest force."""
+    data, reduction = model.sensor_intprm[i, :2].tolist()
+    return bool(model.sensor_type[i] == mujoco.mjtSensor.mjSENS_CONTACT and (data & 0b110 or reduction == 2))
+
+
+def step_failure(model: mujoco.MjModel) -> str:
+    """What stock MJX says of a scene that it cannot step, though `unsupported` knows nothing of it; empty if it can."""
+    try:
+        jax.eval_shape(mjx.step, put_model(model), make_data(model))
+    except Exception as error:  # It fails in whatever way its arrays make it fail.
+        return f"{type(error).__name__}: {str(error).strip().splitlines()[0] if str(error).strip() else ''}"
+    return ""
 
 
 def _refused_contact_sensor(model: mujoco.MjModel, i: int) -> str:

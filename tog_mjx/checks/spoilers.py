@@ -11,7 +11,7 @@ import numpy as np
 
 from tog_mjx._mjx import mjx
 from tog_mjx.checks.finding import Level
-from tog_mjx.supported import Culprit, candidates, has_fluid, name_of, type_of
+from tog_mjx.supported import Culprit, candidates, has_constraints, has_fluid, name_of, type_of
 
 
 class Question(NamedTuple):
@@ -107,6 +107,8 @@ def native(question: Question) -> Iterator[Spoiler]:
 
 def solver(question: Question) -> Iterator[Spoiler]:
     option = question.model.opt
+    if not has_constraints(question.model):
+        return
     few = _FEW_ITERATIONS[mjx.SolverType(option.solver)]
     for attribute, least in (("iterations", few), ("ls_iterations", 5)):
         if (given := getattr(option, attribute)) < least:
