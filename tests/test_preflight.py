@@ -165,6 +165,15 @@ KNOWN = [
     ({"ACTUATOR": 'ctrlrange="-1 1"'}, "ctrl", 2.0, "control of actuator motor, 2, is at its limit", "scene.xml:19"),
     ({"ACTUATOR": 'forcerange="-1 1"'}, "", 2.0, "the force of actuator motor, 1, is at its limit", "scene.xml:19"),
     ({"BODY": 'pos="0 0 0.1"'}, "", 0.0, "geom floor with geom ball: they touch exactly", "scene.xml:4, scene.xml:11"),
+    (
+        {"BODY": 'pos="0 0 0.11"', "BALL": 'margin="0.01"'}, "", 0.0, "geom floor with geom ball: they touch exactly",
+        "scene.xml:4, scene.xml:11",
+    ),
+    ({"JOINT": 'range="-90 0"'}, "", 0.0, "joint hinge: exactly at its limit", "scene.xml:6"),
+    (
+        {"JOINT": 'range="-90 10" margin="0.17453292519943295"'}, "", 0.0, "joint hinge: exactly at its limit",
+        "scene.xml:6",
+    ),
     ({}, "geom_friction", 0.0, "is equal, and a contact takes the larger", "scene.xml:4, scene.xml:7"),
     ({}, "dof_frictionloss", 0.0, "3 of its entries are of no constraint", ""),
     ({}, "body_mass", 0.0, "do not follow", ""),

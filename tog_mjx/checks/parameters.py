@@ -10,6 +10,9 @@ from tog_mjx._mjx import mjx
 from tog_mjx.checks.spoilers import COARSE, Question, Spoiler
 from tog_mjx.supported import Culprit, candidates, name_of
 
+_EXACTLY = 1e-9
+"""Distances, in m or rad, that are zero."""
+
 
 class _Law(NamedTuple):
     """The solref of a constraint, and the elements that give it."""
@@ -116,12 +119,37 @@ def saturated_actuators(question: Question) -> Iterator[Spoiler]:
 
 
 def touching_exactly(question: Question) -> Iterator[Spoiler]:
-    for contact in question.data.contact:
-        if abs(contact.dist) <= 1e-9:
-            names = " with ".join(f"geom {name_of(question.model, 'geom', int(geom))}" for geom in contact.geom)
-            what = f"{names}: they touch exactly in this state, where the law of the contact has its kink"
-            elements = tuple(("geom", int(geom)) for geom in contact.geom)
-            yield Spoiler(Culprit(what, elements), "start above, or in the equilibrium a little deep")
+    """Of two geoms with several contact points once."""
+    met = {tuple(contact.geom.tolist()) for contact in question.data.contact if _is_kink(contact)}
+    for pair in sorted(met):
+        names = " with ".join(f"geom {name_of(question.model, 'geom', geom)}" for geom in pair)
+        what = f"{names}: they touch exactly in this state, where the law of the contact has its kink"
+        elements = tuple(("geom", geom) for geom in pair)
+        yield Spoiler(Culprit(what, elements), "start above, or in the equilibrium a little deep")
+
+
+def _is_kink(contact: mujoco.MjContact) -> bool:
+    """Forces begin at the margin."""
+    return abs(contact.dist - contact.includemargin) <= _EXACTLY
+
+
+def limits_met(question: Question) -> Iterator[Spoiler]:
+    """Joints exactly at their limits, as where a range ends at the initial pose; one remark for all of them."""
+    model = question.model
+    if model.opt.disableflags & (mjx.DisableBit.LIMIT | mjx.DisableBit.CONSTRAINT):
+        return
+    joints = np.flatnonzero((model.jnt_limited != 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)))
+    low, high = model.jnt_range[joints].T
+    position = question.data.qpos[model.jnt_qposadr[joints]]
+    left = np.minimum(position - low, high - position) - model.jnt_margin[joints]
+    met = joints[np.abs(left) <= _EXACTLY].tolist()
+    if met:
+        more = f" and {len(met) - 1} more" if len(met) > 1 else ""
+        what = f"joint {name_of(model, 'joint', met[0])}{more}: exactly at its limit"
+        yield Spoiler(
+            Culprit(f"{what}, with another derivative to either side", tuple(("joint", i) for i in met)),
+            "start within the range",
+        )
 
 
 def ties(question: Question) -> Iterator[Spoiler]:
@@ -177,5 +205,6 @@ def infinite_stiffness(question: Question) -> Iterator[Spoiler]:
 
 
 DETECTORS = (
-    stiff_constraints, stiff_springs, saturated_actuators, touching_exactly, infinite_stiffness, ties, absent,
+    stiff_constraints, stiff_springs, saturated_actuators, touching_exactly, limits_met, infinite_stiffness, ties,
+    absent,
 )  # fmt: skip

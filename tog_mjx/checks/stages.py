@@ -7,6 +7,7 @@ import numpy as np
 
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.motion import NEVER, QUANTITIES, Motion, Simulation
+from tog_mjx.supported import name_of
 
 EXPLODED, GREAT = 1e6, 1e3
 """Growth of a change of position over the horizon: beyond the first no step is short enough, beyond the second few."""
@@ -80,13 +81,9 @@ def untouched(simulation: Simulation, motion: Motion) -> str:
 def _met(model: mujoco.MjModel, motion: Motion, contact: int) -> tuple[str, float]:
     """The two geoms of a candidate contact, and half the extent of the thinner one."""
     geoms = motion.geoms[contact].tolist()
-    return " and ".join(geom_name(model, geom) for geom in geoms), min(_thickness(model, geom) for geom in geoms)
-
-
-def geom_name(model: mujoco.MjModel, geom: int) -> str:
-    name = model.geom(geom).name
-    body = model.body(int(model.geom_bodyid[geom])).name
-    return f"geom {name}" if name else f"geom {geom} (of body {body or 'world'})"
+    return " and ".join(f"geom {name_of(model, 'geom', geom)}" for geom in geoms), min(
+        _thickness(model, geom) for geom in geoms
+    )
 
 
 def _thickness(model: mujoco.MjModel, geom: int) -> float:
