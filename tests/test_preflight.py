@@ -300,9 +300,21 @@ def test_what_nobody_knew_mjx_cannot_step_is_a_finding(monkeypatch):
     (finding,) = tog.check_scene(model, wrt="qvel", steps=2).findings
     assert (finding.check, finding.level) == ("motion", Level.FAULT)
     assert "at least one array to concatenate" in finding.sentence
-    monkeypatch.setattr("tog_mjx.checks.scene.step_failure", lambda _: "")
+    monkeypatch.setattr("tog_mjx.checks.failure.step_failure", lambda _: "")
     with pytest.raises(ValueError, match="at least one array"):
         tog.check_scene(model, wrt="qvel", steps=2)
+
+
+def test_a_scene_too_large_for_memory_is_a_finding(monkeypatch):
+    def exhaust(*_):
+        raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 720765081192 bytes.")
+
+    monkeypatch.setattr("tog_mjx.checks.motion.Simulation.run", exhaust)
+    model = mujoco.MjModel.from_xml_string(LIMITED.format(sensor="", off="", flag='gravity="enable"'))
+    finding = tog.check_scene(model, wrt="qvel", steps=2).findings[-1]
+    assert (finding.check, finding.level) == ("motion", Level.FAULT)
+    assert finding.sentence.endswith("does not fit into memory: Out of memory allocating 720765081192 bytes.")
+    assert "maxhullvert" in finding.remedy
 
 
 def test_a_solref_below_two_time_steps_has_the_derivative_zero():

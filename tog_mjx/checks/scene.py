@@ -12,7 +12,8 @@ import numpy as np
 from tog_mjx.checks.agreement import agreement, sweep
 from tog_mjx.checks.cost import cost
 from tog_mjx.checks.estimators import batch_of_gradients, compare_estimators, steepest
-from tog_mjx.checks.finding import Finding, Level, Report, Verdict
+from tog_mjx.checks.failure import failure
+from tog_mjx.checks.finding import Finding, Report, Verdict
 from tog_mjx.checks.function import directions_at
 from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
@@ -22,7 +23,6 @@ from tog_mjx.checks.scene_function import Cost, SceneFunction
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
 from tog_mjx.checks.zeros import zeros
-from tog_mjx.supported import step_failure
 
 
 def check_scene(
@@ -70,19 +70,19 @@ def check_scene(
         try:
             simulation = Simulation(scene, directions)
             motion = simulation.run()
-        except Exception:
-            # MJX may fail in what it has never been given. What is not its failure is ours, and is raised.
-            if not (why := step_failure(model)):
+            last = [("estimators", lambda: _estimators(simulation, motion))] if estimators else []
+            for name, check in itertools.chain(_checks(simulation, motion, names, quick), last):
+                say(name, None)
+                findings.append(check())
+                say(name, findings[-1])
+        except Exception as error:
+            # What is not MJX's failure is ours, and is raised.
+            failed = failure(model, error)
+            if failed is None:
                 raise
-            remedy = "MJX does not support something of it: remove what the message speaks of"
-            findings.append(Finding("motion", Level.FAULT, f"MJX cannot step this scene: {why}", None, remedy))
-            say("motion", findings[-1])
+            findings.append(failed)
+            say("motion", failed)
             return Verdict(subject, tuple(findings))
-        last = [("estimators", lambda: _estimators(simulation, motion))] if estimators else []
-        for name, check in itertools.chain(_checks(simulation, motion, names, quick), last):
-            say(name, None)
-            findings.append(check())
-            say(name, findings[-1])
     return Verdict(subject, tuple(findings), names, scene.outputs, motion.value.tolist(), motion.slopes.tolist())
 
 
