@@ -219,6 +219,11 @@ def test_native_differentiation_has_faults_of_its_own(tmp_path):
     assert "NaN" in found[0].what
     assert "joint loose does not rotate" in found[1].what
     assert remarks(tmp_path, free) == []
+    resting = {"TENDON": 'springlength="0"'}
+    assert [r.what for r in remarks(tmp_path, resting, differentiation="native")] == [
+        "tendon cord is at its rest length: stock mjx.step drops its spring's derivative"
+    ]
+    assert remarks(tmp_path, resting) == []
 
 
 def test_everything_unsupported_is_told_at_once(tmp_path):

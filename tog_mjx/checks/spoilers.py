@@ -103,6 +103,13 @@ def native(question: Question) -> Iterator[Spoiler]:
         if not question.data.qvel[first + size - 3 : first + size].any():
             what = f"joint {name_of(model, 'joint', i)} does not rotate: stock mjx.step drops a derivative there"
             yield Spoiler(Culprit(what, (("joint", i),)), f"{remedy}, or give it an angular velocity")
+    low, high = model.tendon_lengthspring.T
+    rests = (model.tendon_stiffness > 0) & (low == high) & (question.data.ten_length == low)
+    for i in np.flatnonzero(rests).tolist():
+        what = (
+            f"tendon {name_of(model, 'tendon', i)} is at its rest length: stock mjx.step drops its spring's derivative"
+        )
+        yield Spoiler(Culprit(what, (("tendon", i),)), f"{remedy}, or begin elsewhere")
 
 
 def solver(question: Question) -> Iterator[Spoiler]:
