@@ -208,6 +208,18 @@ def test_a_solver_without_constraints_may_stop_at_once(tmp_path):
     assert remarks(tmp_path, {**edits, "DISABLE": "contact"}) == []
 
 
+def test_a_joint_that_leaves_its_limit_at_once_is_at_a_kink_for_positions_alone(tmp_path):
+    """The arm falls from a limit that is above it, and rests at that of a joint without any force."""
+    for gravity, wrt, told in (("-9.81", "ctrl", 0), ("-9.81", "qpos", 1), ("0", "ctrl", 1)):
+        edits = {"OPTION": f'gravity="0 0 {gravity}"', "JOINT": 'range="0 90" springref="0"'}
+        found = [
+            remark
+            for remark in remarks(tmp_path, {**edits, "TENDON": 'springlength="0"'}, wrt)
+            if "exactly" in remark.what
+        ]
+        assert len(found) == told
+
+
 def test_the_control_is_within_its_range(tmp_path):
     assert remarks(tmp_path, {"ACTUATOR": 'ctrlrange="-1 1" forcerange="-3 3"'}, "ctrl", ctrl=0.5) == []
 

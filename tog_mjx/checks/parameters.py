@@ -1,5 +1,6 @@
 """Numbers in a scene that spoil gradients: time constants, limits that are met, and ties. As `spoilers`."""
 
+import copy
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -12,6 +13,8 @@ from tog_mjx.supported import Culprit, candidates, name_of
 
 _EXACTLY = 1e-9
 """Distances, in m or rad, that are zero."""
+_STAYS = 10
+"""Time steps after which a joint has stayed where it was."""
 
 
 class _Law(NamedTuple):
@@ -134,22 +137,31 @@ def _is_kink(contact: mujoco.MjContact) -> bool:
 
 
 def limits_met(question: Question) -> Iterator[Spoiler]:
-    """Joints exactly at their limits, as where a range ends at the initial pose; one remark for all of them."""
-    model = question.model
+    """Joints exactly at their limits, as where a range ends at the initial pose; one remark for all of them.
+
+    For a derivative in positions all of them; else those that stay, as one that leaves at once is pushed off its kink.
+    """
+    model, data = question.model, copy.copy(question.data)
+    met = _at_limits(model, data)
+    if question.wrt not in ("", "qpos"):
+        for _ in range(_STAYS if met else 0):
+            mujoco.mj_step(model, data)
+            met &= _at_limits(model, data)
+    if met:
+        first, more = min(met), f" and {len(met) - 1} more" if len(met) > 1 else ""
+        what = f"joint {name_of(model, 'joint', first)}{more}: exactly at its limit"
+        culprit = Culprit(f"{what}, with another derivative to either side", tuple(("joint", i) for i in sorted(met)))
+        yield Spoiler(culprit, "start within the range")
+
+
+def _at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> set[int]:
     if model.opt.disableflags & (mjx.DisableBit.LIMIT | mjx.DisableBit.CONSTRAINT):
-        return
+        return set()
     joints = np.flatnonzero((model.jnt_limited != 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)))
     low, high = model.jnt_range[joints].T
-    position = question.data.qpos[model.jnt_qposadr[joints]]
+    position = data.qpos[model.jnt_qposadr[joints]]
     left = np.minimum(position - low, high - position) - model.jnt_margin[joints]
-    met = joints[np.abs(left) <= _EXACTLY].tolist()
-    if met:
-        more = f" and {len(met) - 1} more" if len(met) > 1 else ""
-        what = f"joint {name_of(model, 'joint', met[0])}{more}: exactly at its limit"
-        yield Spoiler(
-            Culprit(f"{what}, with another derivative to either side", tuple(("joint", i) for i in met)),
-            "start within the range",
-        )
+    return set(joints[np.abs(left) <= _EXACTLY].tolist())
 
 
 def ties(question: Question) -> Iterator[Spoiler]:
