@@ -38,7 +38,7 @@ def test_each_model_is_a_row_and_is_checked_once(models, tmp_path, run_script):
         ("still.xml", "0", "not checked", ""),
     ]
     assert [row["sentence"].partition(" (")[0] for row in rows[1:]] == [
-        "<option solver='pgs'>",
+        "MJX does not support <option solver='pgs'>",
         "the scene has no qvel: differentiate with respect to something else",
     ]
     assert "nonsense" in rows[0]["sentence"]

@@ -87,7 +87,8 @@ def check_scene(
 
 
 def _sentence(remark: Remark) -> str:
-    return remark.what + (f" ({remark.where})" if remark.where else "")
+    told = remark.what + (f" ({remark.where})" if remark.where else "")
+    return f"MJX does not support {told}" if remark.blocks else told
 
 
 def _checks(
