@@ -15,8 +15,7 @@ import tog_mjx as tog
 from tog_mjx.checks.finding import Level
 from tog_mjx.checks.motion import NEVER, Simulation
 from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.stages import growth
-from tog_mjx.checks.stages import contacts
+from tog_mjx.checks.stages import contacts, growth
 from tog_mjx.checks.starts import keyframe_start, saved_start
 from tog_mjx.scene import compile_model
 
