@@ -12,7 +12,7 @@ import tog_mjx as tog
 from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.checks.finding import Level
 from tog_mjx.checks.preflight import Remark, preflight
-from tog_mjx.scene import models_folder
+from tog_mjx.scene import compile_model, models_folder
 from tog_mjx.supported import step_failure
 
 SCENE = """<mujoco>
@@ -218,6 +218,17 @@ def test_a_joint_that_leaves_its_limit_at_once_is_at_a_kink_for_positions_alone(
             if "exactly" in remark.what
         ]
         assert len(found) == told
+
+
+def test_what_mujoco_warns_of_leaves_no_file(tmp_path, monkeypatch, capfd):
+    """As of a mass matrix that is close to singular."""
+    path, folder = tmp_path / "scene.xml", tmp_path / "empty"
+    path.write_text("<mujoco><worldbody><body><joint/><joint/><geom size='0.1'/></body></worldbody></mujoco>")
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    preflight(compile_model(path), path)
+    assert capfd.readouterr().out == ""
+    assert not list(folder.iterdir())
 
 
 def test_the_control_is_within_its_range(tmp_path):

@@ -56,8 +56,13 @@ def preflight(
         remedy = "MJX ignores it, so the motion is another one: remove it"
         remarks.append(_remark(lines, Spoiler(culprit, remedy, Level.FAULT)))
     if not any(remark.blocks for remark in remarks):
-        question = Question(model, _state(model, data), wrt, differentiation)
-        remarks += [_remark(lines, spoiler) for spoiler in _spoilers(question)]
+        try:
+            # MuJoCo's own warnings would go to standard output and into a log file in the working folder.
+            mujoco.set_mju_user_warning(lambda _: None)
+            question = Question(model, _state(model, data), wrt, differentiation)
+            remarks += [_remark(lines, spoiler) for spoiler in _spoilers(question)]
+        finally:
+            mujoco.set_mju_user_warning(None)
     return sorted(remarks, key=lambda remark: (-remark.blocks, -remark.level))
 
 
