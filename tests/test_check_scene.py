@@ -154,6 +154,21 @@ def test_a_contact_acts_within_its_margin():
         )
 
 
+@pytest.mark.parametrize(("speed", "word"), [("0", "trust"), ("6", "do not trust")])
+def test_what_is_measured_overrules_what_is_feared(speed, word):
+    """A limit too stiff for the time step spoils the motion that meets it, and no other."""
+    xml = f"""<mujoco><option timestep="0.01"><flag refsafe="disable"/></option><worldbody>
+      <body><joint name="x" type="slide" axis="1 0 0" limited="true" range="-1 0.3" solreflimit="-90000 -1"/>
+      <geom size="0.1" mass="1"/></body></worldbody><keyframe><key qvel="{speed}"/></keyframe></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    verdict = tog.check_scene(model, keyframe_start(model), steps=20, wrt="qvel", quick=True)
+    assert verdict.word == word, verdict.line
+    (remark,) = [finding for finding in verdict.findings if finding.check == "preflight"]
+    assert "too coarsely stepped" in remark.sentence
+    assert remark.level == (Level.FINE if word == "trust" else Level.CARE)
+    assert ("'time step' has measured that it does no harm" in remark.sentence) == (word == "trust")
+
+
 def test_a_start_is_a_keyframe_or_a_file(pendulum, tmp_path):
     np.savez(tmp_path / "state.npz", qvel=np.arange(7.0))
     (tmp_path / "state.json").write_text(json.dumps({"ctrl": [0.5]}))

@@ -8,11 +8,12 @@ import mujoco
 import numpy as np
 
 from tog_mjx._mjx import mjx
-from tog_mjx.checks.spoilers import COARSE, Question, Spoiler
+from tog_mjx.checks.spoilers import AGREEMENT, COARSE, Question, Spoiler
 from tog_mjx.supported import Culprit, candidates, name_of
 
 _EXACTLY = 1e-9
 """Distances, in m or rad, that are zero."""
+TIME_STEP = "time step"
 _STAYS = 10
 """Time steps after which a joint has stayed where it was."""
 
@@ -70,7 +71,8 @@ def stiff_constraints(question: Question) -> Iterator[Spoiler]:
             what, remedy = f"solref of {name}: {_told(rate, dt)}", _finer(rate)
         else:
             continue
-        yield Spoiler(Culprit(what, laws[0].elements), remedy)
+        measured_by = "" if "solref" in question.wrt else TIME_STEP
+        yield Spoiler(Culprit(what, laws[0].elements), remedy, measured_by=measured_by)
 
 
 def stiff_springs(question: Question) -> Iterator[Spoiler]:
@@ -85,7 +87,7 @@ def stiff_springs(question: Question) -> Iterator[Spoiler]:
             rate = float(np.sqrt(spring * model.dof_invweight0[dofs[joint]]))
             if rate * model.opt.timestep > COARSE:
                 told = f"{what} {name_of(model, kind, i)}: {_told(rate, model.opt.timestep)}"
-                yield Spoiler(Culprit(told, ((kind, i),)), _finer(rate))
+                yield Spoiler(Culprit(told, ((kind, i),)), _finer(rate), measured_by=TIME_STEP)
 
 
 def _servos(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -118,7 +120,8 @@ def saturated_actuators(question: Question) -> Iterator[Spoiler]:
             is_kink = what == "control" and values[i] in (low, high)
             why = "another derivative to either side" if is_kink else "the derivative in the control is zero"
             told = f"the {what} of actuator {name_of(model, 'actuator', i)}, {values[i]:g}, is at its limit: {why}"
-            yield Spoiler(Culprit(told, (("actuator", i),)), f"keep it between {low:g} and {high:g}")
+            remedy = f"keep it between {low:g} and {high:g}"
+            yield Spoiler(Culprit(told, (("actuator", i),)), remedy, measured_by=AGREEMENT if is_kink else "")
 
 
 def touching_exactly(question: Question) -> Iterator[Spoiler]:
@@ -128,7 +131,9 @@ def touching_exactly(question: Question) -> Iterator[Spoiler]:
         names = " with ".join(f"geom {name_of(question.model, 'geom', geom)}" for geom in pair)
         what = f"{names}: they touch exactly in this state, where the law of the contact has its kink"
         elements = tuple(("geom", geom) for geom in pair)
-        yield Spoiler(Culprit(what, elements), "start above, or in the equilibrium a little deep")
+        yield Spoiler(
+            Culprit(what, elements), "start above, or in the equilibrium a little deep", measured_by=AGREEMENT
+        )
 
 
 def _is_kink(contact: mujoco.MjContact) -> bool:
@@ -151,7 +156,7 @@ def limits_met(question: Question) -> Iterator[Spoiler]:
         first, more = min(met), f" and {len(met) - 1} more" if len(met) > 1 else ""
         what = f"joint {name_of(model, 'joint', first)}{more}: exactly at its limit"
         culprit = Culprit(f"{what}, with another derivative to either side", tuple(("joint", i) for i in sorted(met)))
-        yield Spoiler(culprit, "start within the range")
+        yield Spoiler(culprit, "start within the range", measured_by=AGREEMENT)
 
 
 def _at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> set[int]:

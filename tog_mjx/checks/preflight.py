@@ -1,14 +1,14 @@
 """All that a scene has which MJX does not support, ignores in silence, or of which it is known that it spoils
 gradients: told all at once, with names and lines, before anything compiles."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
 
 from tog_mjx.checks import parameters, spoilers
-from tog_mjx.checks.finding import Level
+from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.lines import Lines
 from tog_mjx.checks.spoilers import Question, Spoiler
 from tog_mjx.supported import Culprit, ignored, unsupported
@@ -17,7 +17,8 @@ from tog_mjx.supported import Culprit, ignored, unsupported
 class Remark(NamedTuple):
     """What is the matter with a scene and in which element, in which lines (`scene.xml:12`, or ""), and the remedy.
 
-    `blocks`: MJX does not simulate such a scene at all.
+    `blocks`: MJX does not simulate such a scene at all. `measured_by` names the check that measures whether it matters
+    to a motion, if there is one.
     """
 
     level: Level
@@ -25,10 +26,20 @@ class Remark(NamedTuple):
     where: str
     remedy: str
     blocks: bool = False
+    measured_by: str = ""
 
     def __str__(self) -> str:
         where = f" ({self.where})" if self.where else ""
         return f"{self.what}{where}; {self.remedy}"
+
+    def finding(self, measured: Sequence[Finding] = ()) -> Finding:
+        """What it says in a verdict: nothing grave where one of the checks has measured that it does no harm."""
+        told = ("MJX does not support " if self.blocks else "") + self.what + (f" ({self.where})" if self.where else "")
+        is_fine = any(some.check == self.measured_by and some.level == Level.FINE for some in measured)
+        if self.level == Level.CARE and is_fine:
+            told += f"; but '{self.measured_by}' has measured that it does no harm here"
+            return Finding("preflight", Level.FINE, told)
+        return Finding("preflight", self.level, told, None, self.remedy)
 
 
 def preflight(
@@ -85,7 +96,7 @@ def _state(model: mujoco.MjModel, data: mujoco.MjData | None) -> mujoco.MjData:
 
 def _remark(lines: Lines, spoiler: Spoiler, blocks: bool = False) -> Remark:
     culprit = spoiler.culprit
-    return Remark(spoiler.level, culprit.what, _where(lines, culprit), spoiler.remedy, blocks)
+    return Remark(spoiler.level, culprit.what, _where(lines, culprit), spoiler.remedy, blocks, spoiler.measured_by)
 
 
 def _where(lines: Lines, culprit: Culprit) -> str:

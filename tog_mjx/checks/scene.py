@@ -18,7 +18,7 @@ from tog_mjx.checks.function import directions_at
 from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
 from tog_mjx.checks.parity import parity
-from tog_mjx.checks.preflight import Remark, preflight
+from tog_mjx.checks.preflight import preflight
 from tog_mjx.checks.scene_function import Cost, SceneFunction
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
@@ -60,7 +60,7 @@ def check_scene(
         subject = f"{', '.join(scene.outputs[:3])}{', ...' * (len(scene.outputs) > 3)} after {steps} steps, by {wrt}"
         say("preflight", None)
         remarks = preflight(model, path, start, wrt, differentiation)
-        findings = [Finding("preflight", some.level, _sentence(some), None, some.remedy) for some in remarks]
+        findings = [remark.finding() for remark in remarks]
         for finding in findings:
             say("preflight", finding)
         if any(some.blocks for some in remarks):
@@ -83,12 +83,11 @@ def check_scene(
             findings.append(failed)
             say("motion", failed)
             return Verdict(subject, tuple(findings))
+        for i, remark in enumerate(remarks):
+            if (measured := remark.finding(findings)) != findings[i]:
+                findings[i] = measured
+                say("preflight", measured)
     return Verdict(subject, tuple(findings), names, scene.outputs, motion.value.tolist(), motion.slopes.tolist())
-
-
-def _sentence(remark: Remark) -> str:
-    told = remark.what + (f" ({remark.where})" if remark.where else "")
-    return f"MJX does not support {told}" if remark.blocks else told
 
 
 def _checks(

@@ -25,13 +25,15 @@ class Question(NamedTuple):
 
 
 class Spoiler(NamedTuple):
-    """A culprit, how much it weighs, and the remedy."""
+    """A culprit, the remedy, how much it weighs, and the name of the check that measures whether it does, if one."""
 
     culprit: Culprit
     remedy: str
     level: Level = Level.CARE
+    measured_by: str = ""
 
 
+AGREEMENT = "agreement"
 _OWN_CONTACTS = {
     frozenset(pair)
     for pair in (
@@ -57,16 +59,16 @@ def collisions(question: Question) -> Iterator[Spoiler]:
         found.setdefault(frozenset((type_of(model, first), type_of(model, second))), []).append((first, second))
     for kinds, pairs in found.items():
         if kinds in _OWN_CONTACTS or "hfield" in kinds:
-            why = "MJX chooses its points by a rule that jumps, and otherwise than C MuJoCo"
+            why, check = "MJX chooses its points by a rule that jumps, and otherwise than C MuJoCo", ""
             remedy = "put a small sphere at each corner, or use capsules, which have smooth contacts"
         elif "plane" not in kinds and any(kind in kinds for kind in _ITERATED):
-            why = "MJX finds its points by a few iterations, otherwise than C MuJoCo"
+            why, check = "MJX finds its points by a few iterations, otherwise than C MuJoCo", "parity"
             remedy = "build the shape of spheres and capsules, which have closed forms"
         else:
             continue
         names = " with ".join(f"geom {name_of(model, 'geom', geom)} ({type_of(model, geom)})" for geom in pairs[0])
         more = f" and {len(pairs) - 1} more such pairs" if len(pairs) > 1 else ""
-        yield Spoiler(Culprit(f"the contact of {names}{more}: {why}", _geoms(pairs[0])), remedy)
+        yield Spoiler(Culprit(f"the contact of {names}{more}: {why}", _geoms(pairs[0])), remedy, measured_by=check)
 
 
 def large_meshes(question: Question) -> Iterator[Spoiler]:
@@ -102,14 +104,16 @@ def native(question: Question) -> Iterator[Spoiler]:
         first, size = int(model.jnt_dofadr[i]), 6 if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE else 3
         if not question.data.qvel[first + size - 3 : first + size].any():
             what = f"joint {name_of(model, 'joint', i)} does not rotate: stock mjx.step drops a derivative there"
-            yield Spoiler(Culprit(what, (("joint", i),)), f"{remedy}, or give it an angular velocity")
+            yield Spoiler(
+                Culprit(what, (("joint", i),)), f"{remedy}, or give it an angular velocity", measured_by=AGREEMENT
+            )
     low, high = model.tendon_lengthspring.T
     rests = (model.tendon_stiffness > 0) & (low == high) & (question.data.ten_length == low)
     for i in np.flatnonzero(rests).tolist():
         what = (
             f"tendon {name_of(model, 'tendon', i)} is at its rest length: stock mjx.step drops its spring's derivative"
         )
-        yield Spoiler(Culprit(what, (("tendon", i),)), f"{remedy}, or begin elsewhere")
+        yield Spoiler(Culprit(what, (("tendon", i),)), f"{remedy}, or begin elsewhere", measured_by=AGREEMENT)
 
 
 def solver(question: Question) -> Iterator[Spoiler]:
@@ -121,10 +125,10 @@ def solver(question: Question) -> Iterator[Spoiler]:
         if (given := getattr(option, attribute)) < least:
             what = f"<option {attribute}='{given}'>: the solver may stop before it has converged"
             remedy = "give 50 or more, and the motion and its gradient are those of the scene, not of the solver"
-            yield Spoiler(Culprit(what, attribute=attribute), remedy)
+            yield Spoiler(Culprit(what, attribute=attribute), remedy, measured_by="solver")
     if option.tolerance > 1e-6:
         what = f"<option tolerance='{option.tolerance:g}'>: the solver may stop before it has converged"
-        yield Spoiler(Culprit(what, attribute="tolerance"), "give 1e-8 or less")
+        yield Spoiler(Culprit(what, attribute="tolerance"), "give 1e-8 or less", measured_by="solver")
 
 
 def passive_flags(question: Question) -> Iterator[Spoiler]:
