@@ -113,7 +113,7 @@ def growth(simulation: Simulation, motion: Motion) -> Finding:
         "step": motion.times.tolist(),
         "largest singular value": largest.tolist(),
         "smallest singular value": np.where(is_finite, singular[:, -1], np.nan).tolist(),
-        **{f"derivative along direction {i}": column.tolist() for i, column in enumerate(motion.moved.T[:4])},
+        **{f"derivative along direction {i}": column.tolist() for i, column in enumerate(motion.moved.T[:3])},
     }
     most, last = float(largest.max()), float(largest[-1])
     faded = motion.times[largest < 1 / GREAT]

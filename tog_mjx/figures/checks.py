@@ -12,6 +12,9 @@ from tog_mjx.figures.style import RC, new_figure
 
 _COLORS, _STYLES = ("#1b1b1b", "#d55e00", "#0072b2", "#009e73", "#cc79a7"), ("-", "--", "-.", ":", "-")
 
+_FEW = 6
+"""Points up to which each has its tick."""
+
 
 class _Look(NamedTuple):
     x: str
@@ -31,7 +34,7 @@ _LOOKS = {
     "estimators": _Look(
         "sigma",
         "standard deviation of the perturbations, relative",
-        "of one sample; of the mean, relative",
+        "signal-to-noise, relative error",
         ("log", "log"),
         (
             "signal-to-noise, zeroth order",
@@ -69,6 +72,9 @@ def draw_finding(finding: Finding) -> Figure:
         axes.set(xlabel=look.label, ylabel=look.y_label, xscale=look.scale[0])
         if look.scale[1] == "log" and any((y > 0).any() for y in others.values()):
             axes.set_yscale("log")
+        if look.scale[0] == "log" and len(x) <= _FEW:
+            axes.set_xticks(x, [f"{number:g}" for number in x])
+            axes.set_xticks([], minor=True)
         if len(others) > 1:
-            axes.legend(frameon=False, fontsize=8)
+            figure.legend(loc="outside upper left", ncols=2, frameon=False, fontsize=8)
     return figure
