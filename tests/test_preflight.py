@@ -12,6 +12,7 @@ import tog_mjx as tog
 from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.checks.finding import Level
 from tog_mjx.checks.preflight import Remark, preflight
+from tog_mjx.checks.quiet import without_warnings
 from tog_mjx.scene import compile_model, models_folder
 from tog_mjx.supported import step_failure
 
@@ -220,10 +221,29 @@ def test_a_joint_that_leaves_its_limit_at_once_is_at_a_kink_for_positions_alone(
         assert len(found) == told
 
 
+SINGULAR = "<mujoco><worldbody><body><joint/><joint/><geom size='0.1'/></body></worldbody></mujoco>"
+
+
+def test_warnings_come_back_when_all_are_done():
+    """A mass matrix that is singular is warned of."""
+    model = mujoco.MjModel.from_xml_string(SINGULAR)
+    said: list[str] = []
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        with without_warnings():
+            with without_warnings():
+                pass
+            mujoco.mj_forward(model, mujoco.MjData(model))
+        assert said == []
+        mujoco.mj_forward(model, mujoco.MjData(model))
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert len(said) == 1
+
+
 def test_what_mujoco_warns_of_leaves_no_file(tmp_path, monkeypatch, capfd):
-    """As of a mass matrix that is close to singular."""
     path, folder = tmp_path / "scene.xml", tmp_path / "empty"
-    path.write_text("<mujoco><worldbody><body><joint/><joint/><geom size='0.1'/></body></worldbody></mujoco>")
+    path.write_text(SINGULAR)
     folder.mkdir()
     monkeypatch.chdir(folder)
     preflight(compile_model(path), path)

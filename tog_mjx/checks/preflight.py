@@ -10,6 +10,7 @@ import mujoco
 from tog_mjx.checks import parameters, spoilers
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.lines import Lines
+from tog_mjx.checks.quiet import without_warnings
 from tog_mjx.checks.spoilers import Question, Spoiler
 from tog_mjx.supported import Culprit, ignored, unsupported
 
@@ -67,13 +68,9 @@ def preflight(
         remedy = "MJX ignores it, so the motion is another one: remove it"
         remarks.append(_remark(lines, Spoiler(culprit, remedy, Level.FAULT)))
     if not any(remark.blocks for remark in remarks):
-        try:
-            # MuJoCo's own warnings would go to standard output and into a log file in the working folder.
-            mujoco.set_mju_user_warning(lambda _: None)
+        with without_warnings():
             question = Question(model, _state(model, data), wrt, differentiation)
             remarks += [_remark(lines, spoiler) for spoiler in _spoilers(question)]
-        finally:
-            mujoco.set_mju_user_warning(None)
     return sorted(remarks, key=lambda remark: (-remark.blocks, -remark.level))
 
 

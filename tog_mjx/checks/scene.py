@@ -19,6 +19,7 @@ from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
 from tog_mjx.checks.parity import parity
 from tog_mjx.checks.preflight import preflight
+from tog_mjx.checks.quiet import without_warnings
 from tog_mjx.checks.scene_function import Cost, SceneFunction
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
@@ -55,7 +56,7 @@ def check_scene(
     if start is None:
         start = mujoco.MjData(model)
     say: Report = report or (lambda *_: None)
-    with jax.enable_x64():
+    with jax.enable_x64(), without_warnings():
         scene = SceneFunction(model, start, steps, wrt, output, differentiation)
         subject = f"{', '.join(scene.outputs[:3])}{', ...' * (len(scene.outputs) > 3)} after {steps} steps, by {wrt}"
         say("preflight", None)
