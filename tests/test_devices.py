@@ -4,6 +4,7 @@ import os
 import socket
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tog_mjx.batches import CHUNK
 from tog_mjx.landscape import landscape
 from tog_mjx.tasks import get_task
 
+ROOT = Path(__file__).parents[1]
 # The program of every process: a landscape whose points fill no chunk evenly.
 PROGRAM = """
 import sys, jax, numpy as np
@@ -75,3 +77,20 @@ def test_many_devices_give_the_numbers_of_one(tmp_path, alone, processes, device
     for one in again:
         assert one["said"].size == 0
         np.testing.assert_array_equal(one["costs"], found[0]["costs"])
+
+
+def test_no_script_starts_jax_before_it_has_set_devices_and_compiler():
+    """Afterwards both settings have no effect, and nothing says so: studies once ran on one core of all."""
+    program = """
+import pathlib, runpy, sys, jax
+for number, script in enumerate(sorted(pathlib.Path(sys.argv[1]).glob("*.py")), 1):
+    runpy.run_path(str(script))
+    try:
+        jax.config.update("jax_num_cpu_devices", number)
+    except RuntimeError:
+        sys.exit(f"{script.name} has started JAX")
+assert jax.device_count() == number > 1
+"""
+    command = [sys.executable, "-c", program, str(ROOT / "scripts")]
+    found = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"JAX_PLATFORMS": "cpu"})
+    assert found.returncode == 0, found.stderr

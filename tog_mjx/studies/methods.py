@@ -9,6 +9,7 @@ two pure functions, which a study compiles and runs for many members at once:
 Every update is charged in simulator-evaluation equivalents: evaluations of J, a gradient counted as so many of them.
 """
 
+import importlib
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -16,7 +17,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import optax
-from evosax.algorithms import CMA_ES, CR_FM_NES
 from jaxtyping import Array, Float, Key
 
 from tog_mjx import gradients
@@ -84,11 +84,11 @@ def descent(estimator: Callable[[Objective, Scalar], Estimator], rule: str, char
     return Method(bind, charge)
 
 
-def evolution(strategy: Callable, population: Callable[[int], int]) -> Method:
+def evolution(name: str, population: Callable[[int], int]) -> Method:
     """An evolution strategy of evosax, its first standard deviation sigma; the step size has no part in it."""
 
     def bind(objective: Objective, settings: Settings, n: int) -> Bound:
-        algorithm = strategy(population_size=population(n), solution=jnp.zeros(n))
+        algorithm = _strategy(name)(population_size=population(n), solution=jnp.zeros(n))
         parameters = algorithm.default_params.replace(std_init=settings.sigma)
 
         def update(key: Key[Array, ""], state: Any) -> Any:
@@ -104,6 +104,13 @@ def evolution(strategy: Callable, population: Callable[[int], int]) -> Method:
         return Bound(lambda key, u: algorithm.init(key, u, parameters), update)
 
     return Method(bind, lambda n, gradient: population(n))
+
+
+def _strategy(name: str) -> Callable:
+    """A class of evosax, whose import computes with JAX: earlier than this, devices and compiler could not be set any
+    more. Here it may be in the middle of a trace, of which it must not become a part."""
+    with jax.ensure_compile_time_eval():
+        return getattr(importlib.import_module("evosax.algorithms"), name)
 
 
 def _default_population(n: int) -> int:
@@ -143,7 +150,7 @@ METHODS: dict[str, Method] = {
         lambda n, gradient: SAMPLES * gradient + 1,
     ),
     "solve": descent(lambda J, sigma: gradients.exact(J), "solve", lambda n, gradient: gradient),
-    "CMA-ES": evolution(CMA_ES, _default_population),
-    "CR-FM-NES": evolution(CR_FM_NES, _default_population),
+    "CMA-ES": evolution("CMA_ES", _default_population),
+    "CR-FM-NES": evolution("CR_FM_NES", _default_population),
 }
 """By name: "estimator, update rule", or the evolution strategy's own name."""
