@@ -12,9 +12,7 @@ import tog_mjx as tog
 from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.checks.finding import Level
 from tog_mjx.checks.preflight import Remark, preflight
-from tog_mjx.checks.quiet import without_warnings
-from tog_mjx.scene import compile_model, models_folder
-from tog_mjx.supported import step_failure
+from tog_mjx.scene import models_folder
 
 SCENE = """<mujoco>
   <option timestep="0.002" iterations="100" ls_iterations="50" OPTION=""><flag FLAG="enable"/></option>
@@ -221,36 +219,6 @@ def test_a_joint_that_leaves_its_limit_at_once_is_at_a_kink_for_positions_alone(
         assert len(found) == told
 
 
-SINGULAR = "<mujoco><worldbody><body><joint/><joint/><geom size='0.1'/></body></worldbody></mujoco>"
-
-
-def test_warnings_come_back_when_all_are_done():
-    """A mass matrix that is singular is warned of."""
-    model = mujoco.MjModel.from_xml_string(SINGULAR)
-    said: list[str] = []
-    mujoco.set_mju_user_warning(said.append)
-    try:
-        with without_warnings():
-            with without_warnings():
-                pass
-            mujoco.mj_forward(model, mujoco.MjData(model))
-        assert said == []
-        mujoco.mj_forward(model, mujoco.MjData(model))
-    finally:
-        mujoco.set_mju_user_warning(None)
-    assert len(said) == 1
-
-
-def test_what_mujoco_warns_of_leaves_no_file(tmp_path, monkeypatch, capfd):
-    path, folder = tmp_path / "scene.xml", tmp_path / "empty"
-    path.write_text(SINGULAR)
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    preflight(compile_model(path), path)
-    assert capfd.readouterr().out == ""
-    assert not list(folder.iterdir())
-
-
 def test_the_control_is_within_its_range(tmp_path):
     assert remarks(tmp_path, {"ACTUATOR": 'ctrlrange="-1 1" forcerange="-3 3"'}, "ctrl", ctrl=0.5) == []
 
@@ -287,82 +255,6 @@ def test_everything_unsupported_is_told_at_once(tmp_path):
         ("<option noslip_iterations='3'>", "scene.xml:2"),
     }
     assert [remark.blocks for remark in found] == [True] * 5 + [False]
-
-
-def test_the_elliptic_cone_needs_geoms_that_can_meet():
-    """Stock MJX indexes an empty array of contacts."""
-    xml = """<mujoco><option cone="{}"/><worldbody><body><joint axis="0 1 0" limited="{}" range="-20 20"/>
-      <geom size="0.1" pos="1 0 0"/></body></worldbody></mujoco>"""
-    refused = mujoco.MjModel.from_xml_string(xml.format("elliptic", "true"))
-    (remark,) = preflight(refused)
-    assert remark.blocks
-    with pytest.raises(TypeError, match="Indexer"):
-        jax.eval_shape(tog.step, put_model(refused), make_data(refused))
-    for fine in (("pyramidal", "true"), ("elliptic", "false")):
-        assert preflight(mujoco.MjModel.from_xml_string(xml.format(*fine))) == []
-
-
-LIMITED = """<mujoco><option><flag {flag}/></option><worldbody><geom type="plane" size="5 5 .1" {off}/>
-  <body><joint range="-20 20"/><geom name="ball" size=".1" {off}/><site name="tip"/></body></worldbody>
-  <sensor>{sensor}</sensor></mujoco>"""
-OFF = 'contype="0" conaffinity="0"'
-
-
-@pytest.mark.parametrize(
-    ("sensor", "off", "flag", "refused"),
-    [
-        ('<touch site="tip"/>', OFF, 'gravity="enable"', True),
-        ('<touch site="tip"/>', "", 'contact="disable"', True),
-        ('<touch site="tip"/>', "", 'gravity="enable"', False),
-        ('<touch site="tip"/>', OFF, 'sensor="disable"', False),
-        ('<touch site="tip"/>', OFF, 'limit="disable"', False),
-        ('<contact geom1="ball" data="force"/>', OFF, 'gravity="enable"', True),
-        ('<contact geom1="ball" data="found" reduce="maxforce"/>', OFF, 'gravity="enable"', True),
-        ('<contact geom1="ball" data="found"/>', OFF, 'gravity="enable"', False),
-        ('<rangefinder site="tip"/>', "", 'gravity="enable"', True),
-        ('<rangefinder site="tip"/>', "", 'sensor="disable"', False),
-    ],
-)
-def test_a_sensor_of_what_is_not_there_is_refused_as_stock_mjx_fails(sensor, off, flag, refused):
-    model = mujoco.MjModel.from_xml_string(LIMITED.format(sensor=sensor, off=off, flag=flag))
-    blocking = [remark.what for remark in preflight(model) if remark.blocks]
-    assert [what.startswith("sensor number 0 (") for what in blocking] == [True] * refused
-    assert bool(step_failure(model)) == refused
-
-
-def test_a_rangefinder_needs_a_material():
-    xml = LIMITED.format(sensor='<rangefinder site="tip"/>', off="", flag='gravity="enable"')
-    model = mujoco.MjModel.from_xml_string(
-        xml.replace("<worldbody>", '<asset><material name="any"/></asset><worldbody>')
-    )
-    assert not any(remark.blocks for remark in preflight(model))
-    assert step_failure(model) == ""
-
-
-def test_what_nobody_knew_mjx_cannot_step_is_a_finding(monkeypatch):
-    """As long as stock MJX fails too; what fails here alone is raised."""
-    model = mujoco.MjModel.from_xml_string(
-        LIMITED.format(sensor='<touch site="tip"/>', off=OFF, flag='gravity="enable"')
-    )
-    monkeypatch.setattr("tog_mjx.checks.scene.preflight", lambda *_: [])
-    (finding,) = tog.check_scene(model, wrt="qvel", steps=2).findings
-    assert (finding.check, finding.level) == ("motion", Level.FAULT)
-    assert "at least one array to concatenate" in finding.sentence
-    monkeypatch.setattr("tog_mjx.checks.failure.step_failure", lambda _: "")
-    with pytest.raises(ValueError, match="at least one array"):
-        tog.check_scene(model, wrt="qvel", steps=2)
-
-
-def test_a_scene_too_large_for_memory_is_a_finding(monkeypatch):
-    def exhaust(*_):
-        raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 720765081192 bytes.")
-
-    monkeypatch.setattr("tog_mjx.checks.motion.Simulation.run", exhaust)
-    model = mujoco.MjModel.from_xml_string(LIMITED.format(sensor="", off="", flag='gravity="enable"'))
-    finding = tog.check_scene(model, wrt="qvel", steps=2).findings[-1]
-    assert (finding.check, finding.level) == ("motion", Level.FAULT)
-    assert finding.sentence.endswith("does not fit into memory: Out of memory allocating 720765081192 bytes.")
-    assert "maxhullvert" in finding.remedy
 
 
 def test_a_solref_below_two_time_steps_has_the_derivative_zero():

@@ -1,0 +1,36 @@
+"""MuJoCo's warnings while checks run: unheard, and heard again afterwards."""
+
+import mujoco
+
+from tog_mjx.checks.preflight import preflight
+from tog_mjx.checks.quiet import without_warnings
+from tog_mjx.scene import compile_model
+
+SINGULAR = "<mujoco><worldbody><body><joint/><joint/><geom size='0.1'/></body></worldbody></mujoco>"
+
+
+def test_warnings_come_back_when_all_are_done():
+    """A mass matrix that is singular is warned of."""
+    model = mujoco.MjModel.from_xml_string(SINGULAR)
+    said: list[str] = []
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        with without_warnings():
+            with without_warnings():
+                pass
+            mujoco.mj_forward(model, mujoco.MjData(model))
+        assert said == []
+        mujoco.mj_forward(model, mujoco.MjData(model))
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert len(said) == 1
+
+
+def test_what_mujoco_warns_of_leaves_no_file(tmp_path, monkeypatch, capfd):
+    path, folder = tmp_path / "scene.xml", tmp_path / "empty"
+    path.write_text(SINGULAR)
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    preflight(compile_model(path), path)
+    assert capfd.readouterr().out == ""
+    assert not list(folder.iterdir())
