@@ -219,6 +219,35 @@ def test_a_joint_that_leaves_its_limit_at_once_is_at_a_kink_for_positions_alone(
         assert len(found) == told
 
 
+@pytest.mark.parametrize(
+    ("edits", "wrt", "ctrl", "what", "others"),
+    [
+        ({}, "body_mass[2]", 0.0, "do not follow", ()),
+        ({"ACTUATOR": 'ctrlrange="-1 1"'}, "ctrl[0]", 2.0, "control of actuator motor, 2, is at", ("qpos[0]",)),
+        ({}, "geom_friction[1, 0]", 0.0, "is equal, and a contact takes the larger", ()),
+        ({"BALL": 'friction="1 .1 .2"'}, "geom_friction[2, 0]", 0.0, "is equal", ("geom_friction[2, 1]",)),
+        ({"JOINT": 'frictionloss="1"'}, "dof_frictionloss[1]", 0.0, "1 of its entries", ("dof_frictionloss[0]",)),
+        ({"JOINT": 'range="-90 90"'}, "jnt_range[2, 1]", 0.0, "1 of its entries", ("jnt_range[0, 1]",)),
+        ({"JOINT": 'range="0 90" springref="0"'}, "qpos[0]", 0.0, "exactly at its limit", ("qpos[1]",)),
+        ({}, "geom_solimp[0, 1]", 0.0, "reverse mode gives NaN", ("geom_solref[0, 1]",)),
+    ],
+)
+def test_of_one_number_the_same_is_told_and_of_its_neighbours_nothing(tmp_path, edits, wrt, ctrl, what, others):
+    """The arm falls from its limit, so that only a derivative in its own position meets the kink."""
+
+    def told(wrt: str) -> list[str]:
+        falling = {"TENDON": 'springlength="0"', **edits}
+        return [remark.what for remark in remarks(tmp_path, falling, wrt, ctrl) if what in remark.what]
+
+    assert len(told(wrt)) == 1
+    assert [some for other in others for some in told(other)] == []
+
+
+def test_an_index_that_is_not_in_the_array_is_refused(tmp_path):
+    with pytest.raises(tog.InputError, match=r"'ctrl\[1\]': ctrl has the shape \[1\]"):
+        remarks(tmp_path, {}, "ctrl[1]")
+
+
 def test_the_control_is_within_its_range(tmp_path):
     assert remarks(tmp_path, {"ACTUATOR": 'ctrlrange="-1 1" forcerange="-3 3"'}, "ctrl", ctrl=0.5) == []
 

@@ -71,7 +71,7 @@ def stiff_constraints(question: Question) -> Iterator[Spoiler]:
             what, remedy = f"solref of {name}: {_told(rate, dt)}", _finer(rate)
         else:
             continue
-        measured_by = "" if "solref" in question.wrt else TIME_STEP
+        measured_by = "" if "solref" in question.array else TIME_STEP
         yield Spoiler(Culprit(what, laws[0].elements), remedy, measured_by=measured_by)
 
 
@@ -108,9 +108,10 @@ def _finer(rate: float) -> str:
 def saturated_actuators(question: Question) -> Iterator[Spoiler]:
     """Controls and forces at or beyond their limits in this state."""
     model, data = question.model, question.data
-    clamps = question.wrt in ("", "ctrl") and not model.opt.disableflags & mjx.DisableBit.CLAMPCTRL
+    asked = question.chosen if question.array == "ctrl" else np.full(model.nu, not question.array)
+    clamps = asked & (model.actuator_ctrllimited != 0) & (not model.opt.disableflags & mjx.DisableBit.CLAMPCTRL)
     for what, limited, limits, values in (
-        ("control", model.actuator_ctrllimited * clamps, model.actuator_ctrlrange, data.ctrl),
+        ("control", clamps, model.actuator_ctrlrange, data.ctrl),
         ("force", model.actuator_forcelimited, model.actuator_forcerange, data.actuator_force),
     ):
         for i in np.flatnonzero(limited).tolist():
@@ -144,15 +145,17 @@ def _is_kink(contact: mujoco.MjContact) -> bool:
 def limits_met(question: Question) -> Iterator[Spoiler]:
     """Joints exactly at their limits, as where a range ends at the initial pose; one remark for all of them.
 
-    For a derivative in positions all of them; else those that stay, as one that leaves at once is pushed off its kink.
+    For a derivative in their own positions all of them; else those that stay, as one that leaves at once is pushed off
+    its kink.
     """
     model, data = question.model, copy.copy(question.data)
-    met = _at_limits(model, data)
-    if question.wrt not in ("", "qpos"):
-        for _ in range(_STAYS if met else 0):
-            mujoco.mj_step(model, data)
-            met &= _at_limits(model, data)
-    if met:
+    met = stay = _at_limits(model, data)
+    asked = question.chosen if question.array == "qpos" else np.full(model.nv, not question.array)
+    moved = set(model.dof_jntid[asked].tolist())
+    for _ in range(_STAYS if met - moved else 0):
+        mujoco.mj_step(model, data)
+        stay = stay & _at_limits(model, data)
+    if met := (met & moved) | stay:
         first, more = min(met), f" and {len(met) - 1} more" if len(met) > 1 else ""
         what = f"joint {name_of(model, 'joint', first)}{more}: exactly at its limit"
         culprit = Culprit(f"{what}, with another derivative to either side", tuple(("joint", i) for i in sorted(met)))
@@ -171,13 +174,14 @@ def _at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> set[int]:
 
 def ties(question: Question) -> Iterator[Spoiler]:
     """A contact takes the larger friction of its geoms: where they are equal, the derivative is one-sided."""
-    model = question.model
-    if question.wrt != "geom_friction":
+    model, asked = question.model, question.chosen
+    if question.array != "geom_friction":
         return
     tied = []
     for first, second, pair in candidates(model):
         is_even = pair < 0 and model.geom_priority[first] == model.geom_priority[second]
-        if is_even and (model.geom_friction[first] == model.geom_friction[second]).any():
+        is_equal = model.geom_friction[first] == model.geom_friction[second]
+        if is_even and (is_equal & (asked[first] | asked[second])).any():
             tied.append((first, second))
     if tied:
         names = " and ".join(f"geom {name_of(model, 'geom', geom)}" for geom in tied[0])
@@ -196,16 +200,15 @@ _ROWS = {
 
 def absent(question: Question) -> Iterator[Spoiler]:
     """Parameters of constraints that are not there, and parameters from which others do not follow."""
-    model, wrt = question.model, question.wrt
-    if wrt in _ROWS and not _ROWS[wrt](model).all():
-        missing = int((~_ROWS[wrt](model)).sum())
-        what = f"{wrt}: {missing} of its entries are of no constraint, so their derivative is zero"
+    model, array, asked = question.model, question.array, question.chosen
+    if array in _ROWS and (missing := int((asked.reshape(len(asked), -1).any(axis=1) & ~_ROWS[array](model)).sum())):
+        what = f"{array}: {missing} of its entries are of no constraint, so their derivative is zero"
         yield Spoiler(Culprit(what), "give the scene a small friction loss, or a limit, where one is meant")
-    if wrt in ("body_mass", "body_inertia"):
-        what = f"{wrt}: the inverse weights that scale the constraints do not follow it"
+    if array in ("body_mass", "body_inertia"):
+        what = f"{array}: the inverse weights that scale the constraints do not follow it"
         yield Spoiler(Culprit(what), "move body_invweight0 and dof_invweight0 along, or recompile for differences")
-    if "solimp" in wrt or "solmix" in wrt:
-        what = f"{wrt}: reverse mode gives NaN where a distance is beyond solimp's width, and its power is not 1"
+    if "solimp" in array or "solmix" in array:
+        what = f"{array}: reverse mode gives NaN where a distance is beyond solimp's width, and its power is not 1"
         yield Spoiler(Culprit(what), "use forward mode")
 
 

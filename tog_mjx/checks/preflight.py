@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
+import numpy as np
 
 from tog_mjx.checks import parameters, spoilers
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.lines import Lines
 from tog_mjx.checks.quiet import without_warnings
+from tog_mjx.checks.scene_function import variables_of
 from tog_mjx.checks.spoilers import Question, Spoiler
 from tog_mjx.supported import Culprit, ignored, unsupported
 
@@ -56,8 +58,12 @@ def preflight(
       path: the MJCF file the model was read from, for line numbers.
       data: the state the motion starts from, and its controls; left as it is. By default the first keyframe, or the
         initial pose.
-      wrt: the variables of the derivative ("ctrl", "geom_friction", ...): some features spoil those in one field alone.
+      wrt: the variables of the derivative ("ctrl", "geom_friction[1, 0]", ...): some features spoil those in one field,
+        or in one number of it, alone.
       differentiation: "implicit" or "native", see `tog_mjx.simulate`.
+
+    Raises:
+      InputError: for a `wrt` that is not in the scene.
     """
     lines = Lines(model, path)
     remarks = []
@@ -69,7 +75,8 @@ def preflight(
         remarks.append(_remark(lines, Spoiler(culprit, remedy, Level.FAULT)))
     if not any(remark.blocks for remark in remarks):
         with without_warnings():
-            question = Question(model, _state(model, data), wrt, differentiation)
+            variables = variables_of(model, wrt) if wrt else ("", np.zeros(0, bool))
+            question = Question(model, _state(model, data), *variables, differentiation)
             remarks += [_remark(lines, spoiler) for spoiler in _spoilers(question)]
     return sorted(remarks, key=lambda remark: (-remark.blocks, -remark.level))
 

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from tog_mjx._mjx import make_data, mjx
 from tog_mjx.errors import InputError
@@ -90,9 +90,7 @@ class SceneFunction:
     @property
     def _shape(self) -> tuple[int, ...]:
         """Of all numbers of the array that x is taken from."""
-        name = _name(self.wrt)
-        is_state = name in _STATE_SIZES
-        return (getattr(self.model, _STATE_SIZES[name]),) if is_state else field_of(self.model, name).shape
+        return _shape_of(self.model, _name(self.wrt))
 
     @property
     def _chosen(self) -> Int[np.ndarray, " n"]:
@@ -142,6 +140,22 @@ class SceneFunction:
 def _name(text: str) -> str:
     """The array's name in "name" or "name[1, 2]"."""
     return text.partition("[")[0]
+
+
+def variables_of(model: mujoco.MjModel, wrt: str) -> tuple[str, Bool[np.ndarray, "..."]]:
+    """The array's name in `wrt` ("ctrl", "geom_friction[1, 0]", ...), and which of its numbers are variables.
+
+    Raises:
+      InputError: for what is not in the scene.
+    """
+    shape = _shape_of(model, _name(wrt))
+    chosen = np.zeros(math.prod(shape), bool)
+    chosen[_entries(wrt, shape)] = True
+    return _name(wrt), chosen.reshape(shape)
+
+
+def _shape_of(model: mujoco.MjModel, name: str) -> tuple[int, ...]:
+    return (getattr(model, _STATE_SIZES[name]),) if name in _STATE_SIZES else field_of(model, name).shape
 
 
 def _entries(text: str, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:

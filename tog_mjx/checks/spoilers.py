@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from jaxtyping import Bool
 
 from tog_mjx._mjx import mjx
 from tog_mjx.checks.finding import Level
@@ -15,12 +16,14 @@ from tog_mjx.supported import Culprit, candidates, has_constraints, has_fluid, n
 
 
 class Question(NamedTuple):
-    """What is asked: a model, its state (MuJoCo has computed its positions, contacts and forces), the variables of
-    the derivative ("" if not known), and how the step is differentiated."""
+    """What is asked: a model, its state (MuJoCo has computed its positions, contacts and forces), the array that the
+    variables of the derivative are of ("" if not known), which of its numbers they are, and how the step is
+    differentiated."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
-    wrt: str
+    array: str
+    chosen: Bool[np.ndarray, "..."]
     differentiation: str
 
 
