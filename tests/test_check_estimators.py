@@ -1,5 +1,7 @@
 """Which gradient to follow: the comparison of estimators against closed forms, and on a scene."""
 
+from types import SimpleNamespace
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -7,6 +9,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
+from tog_mjx.checks import estimators
 from tog_mjx.checks.estimators import SIGMAS, compare_at
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.gradients import local
@@ -63,9 +66,55 @@ def test_across_a_step_zeroth_order_leads():
     assert "the exact gradient over steps of 0.001; zeroth order over steps of 0.01, 0.1" in found.sentence
     np.testing.assert_allclose(found.curves["error, first order"][1:], 1, atol=1e-2)
     assert found.level == Level.CARE
-    assert "jumps within perturbations of 0.01" in found.sentence  # First order misses all of the step.
+    assert (
+        "within perturbations of 0.01 the value jumps, or rises more" in found.sentence
+    )  # First order misses all of the step.
     # The smoothed step has the slope of the normal density: phi(0.005 / sigma) / sigma.
     assert found.curves["gain, zeroth order"][1] == pytest.approx(1, abs=1e-3)
+
+
+def test_a_steep_rise_is_not_called_a_jump():
+    """None of the gradients meets it: they cannot tell."""
+    found = estimators_of(lambda x: jnp.tanh(1e4 * x[0]) - x[0], [0.05])
+    assert found.level == Level.CARE
+    assert (
+        "within perturbations of 0.1 the value jumps, or rises more steeply than 64 gradients can see" in found.sentence
+    )
+    assert found.curves["error, first order"][2] > 1
+
+
+def test_what_is_not_resolved_is_not_judged():
+    """Smoothed over a hundred periods, a sine has no slope at all, and any advice would be by chance."""
+    found = estimators_of(lambda x: jnp.sin(1e6 * x).sum(), [0.3, 0.4])
+    assert found.level == Level.FINE
+    assert (
+        "follow what cannot be told (the smoothed gradient is not resolved from zero) at every scale" in found.sentence
+    )
+    assert min(found.curves["error not resolved"]) > 1 / 4
+
+
+def test_a_pair_counts_once_in_signal_to_noise():
+    """Of a linear J it is 1 / sqrt(n + 1) however many the variables. Both halves of an antithetic pair are the same
+    sample there: counted twice, their noise would pass for signal, 0.067."""
+    n = 400
+    slope = np.random.default_rng(1).normal(size=n)
+    found = compare_at(lambda x: x @ slope, lambda x: np.tile(slope, (len(x), 1)), n, 0.1, 1)
+    assert found.snr_zeroth == pytest.approx((n + 1) ** -0.5, rel=0.15)
+
+
+@pytest.mark.parametrize(("x", "counted"), [([0.5, 0.4], 3), ([0.5] * 6, 4)])
+def test_a_busy_machine_gives_the_same_advice(x, counted, monkeypatch):
+    """In forward mode a gradient counts as a value and one more for each variable, in reverse mode as four."""
+
+    def timed(values: float, gradients: float) -> Finding:
+        clock = iter(np.cumsum([0, values, 0, gradients]))
+        monkeypatch.setattr(estimators, "time", SimpleNamespace(perf_counter=lambda: float(next(clock))))
+        return estimators_of(ripple, x)
+
+    quiet, busy = timed(1.0, 3.5), timed(2.0, 50.0)
+    assert (quiet.level, quiet.value, quiet.curves) == (busy.level, busy.value, busy.curves)
+    assert quiet.sentence.replace("3.5 were measured", "25 were measured") == busy.sentence
+    assert f"each counted as {counted} values; 3.5 were measured" in quiet.sentence
 
 
 def test_among_ripples_averages_lead():

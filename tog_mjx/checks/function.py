@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.checks.agreement import agreement, sweep
-from tog_mjx.checks.estimators import batch_of_gradients, compare_estimators, steepest
+from tog_mjx.checks.estimators import compare_estimators, steepest
 from tog_mjx.checks.finding import Finding, Level, Report, Verdict
 from tog_mjx.checks.modes import compare_modes
 from tog_mjx.checks.single import judge_single
@@ -64,7 +64,7 @@ def check(objective: Function, x: Numbers, *, estimators: bool = False, report: 
         lowered = lambda z: flat(point + scale * z)[i]  # noqa: E731
         checks["estimators"] = lambda: compare_estimators(
             lambda points: np.asarray(batch(point + scale * points), float)[:, i],
-            batch_of_gradients(lowered, point.size),
+            lowered,
             point.size,
             outputs[i] if value.size > 1 else "it",
         )

@@ -11,7 +11,7 @@ import numpy as np
 
 from tog_mjx.checks.agreement import agreement, sweep
 from tog_mjx.checks.cost import cost
-from tog_mjx.checks.estimators import batch_of_gradients, compare_estimators, steepest
+from tog_mjx.checks.estimators import compare_estimators, steepest
 from tog_mjx.checks.failure import failure
 from tog_mjx.checks.finding import Finding, Report, Verdict
 from tog_mjx.checks.function import directions_at
@@ -123,7 +123,7 @@ def _estimators(simulation: Simulation, motion: Motion) -> Finding:
     scale = jnp.asarray(scene.scale)
     return compare_estimators(
         lambda points: simulation.values(scene.scale * points)[:, i],
-        batch_of_gradients(lambda z: simulation.value(scale * z)[i], scene.size),
+        lambda z: simulation.value(scale * z)[i],
         scene.size,
         scene.outputs[i],
     )
