@@ -42,6 +42,20 @@ def flat_here(x):
     return jnp.floor(3 * x[0]) + x[1]
 
 
+def cubic(x):
+    """Of derivative zero at zero, though it moves."""
+    return x[0] ** 3 + x[1]
+
+
+def one_unmoved(x):
+    return jnp.stack([x.sum(), 5.0 + 0 * x[0]])
+
+
+def one_dropped(x):
+    """The second output is too small for the size of all to show it."""
+    return jnp.stack([1e6 * x.sum(), jax.lax.stop_gradient(x[0]) + 1.0])
+
+
 def looped(x):
     return jax.lax.while_loop(lambda s: s[0] < 3, lambda s: (s[0] + 1, s[1] * 1.5), (0, x.sum()))[1]
 
@@ -57,6 +71,19 @@ def wrong(x):
 
 
 wrong.defjvp(lambda primals, tangents: (wrong(*primals), 2.2 * primals[0] @ tangents[0]))
+
+
+@jax.custom_jvp
+def wrong_at_a_kink(x):
+    return jnp.abs(x[0]) + x[1]
+
+
+wrong_at_a_kink.defjvp(lambda primals, tangents: (wrong_at_a_kink(*primals), 7 * tangents[0][0] + tangents[0][1]))
+
+
+def drowned(x):
+    """As `rough`, with more noise than slope."""
+    return x.sum() + jax.lax.stop_gradient(jnp.sin(jnp.sqrt(2.0) * 1e9 * x[0] ** 2))
 
 
 def rough(x):
@@ -79,9 +106,14 @@ def rough(x):
             "1 of 2 derivatives are zero (x[0]): the output does not",
         ),
         (flat_here, [0.6, 1.0], Level.CARE, "zeros", "longer steps only"),
+        (cubic, [0.0, 1.0], Level.CARE, "zeros", "1 of 2 derivatives are zero (x[0]): the output moves with longer"),
+        (one_unmoved, [0.5, 1.0], Level.CARE, "zeros", "no variable moves y[1] (1 of 2 outputs): the output does not"),
+        (one_dropped, [0.5, 1.0], Level.FAULT, "zeros", "y[1]: autodiff says zero, but differences do not"),
         (looped, [0.5, 1.0], Level.CARE, "reverse mode", "unknown length"),
         (cancelling, [1.05], Level.FAULT, "precision", "float32"),
         (wrong, [0.5, 1.0], Level.FAULT, "agreement", "wrong by 9e-02"),
+        (wrong_at_a_kink, [0.0, 1.0], Level.FAULT, "agreement", "autodiff is neither, nor between them"),
+        (drowned, [0.5, 1.0], Level.FAULT, "agreement", "over none of the steps does autodiff come within 10%"),
         (rough, [0.5, 1.0], Level.CARE, "agreement", "never settle"),
     ],
 )

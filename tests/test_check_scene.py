@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
+from tog_mjx.checks.agreement import Sweep, sweep
 from tog_mjx.checks.finding import Level
 from tog_mjx.checks.motion import NEVER, Simulation
 from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.stages import contacts, growth
+from tog_mjx.checks.stages import contacts, growth, untouched
 from tog_mjx.checks.starts import keyframe_start, saved_start
+from tog_mjx.checks.zeros import zeros
 from tog_mjx.scene import compile_model
 
 GALLERY = Path(__file__).parent / "scenes" / "verdicts"
@@ -116,6 +118,35 @@ def test_the_derivative_in_gravity_is_that_of_a_falling_body(pendulum):
     scene = SceneFunction(pendulum, mujoco.MjData(pendulum), 50, "opt.gravity[2]", lambda data: data.xpos[2, 2])
     motion = Simulation(scene, np.eye(1), states=False).run()
     np.testing.assert_allclose(motion.slopes, [[1e-6 * 50 * 51 / 2]], rtol=1e-12)
+
+
+def test_an_output_that_is_never_touched_is_told():
+    """The finger moves, and the puck that it is to push does not."""
+    model = compile_model(GALLERY / "never_touches.xml")
+    scene = SceneFunction(model, keyframe_start(model), 100, "ctrl", "qpos")
+    simulation = Simulation(scene, np.eye(1), states=False)
+    motion = simulation.run()
+    assert motion.slopes[1] > 0.01
+    differences = sweep(simulation.values, np.zeros(1), np.eye(1))
+    why = lambda: untouched(simulation, motion)  # noqa: E731
+    found = zeros(motion.slopes, differences, scene.variables, scene.outputs, scene.bodies, why)
+    assert found.level == Level.CARE
+    assert found.sentence.startswith("no variable moves qpos[0] (1 of 2 outputs): nothing is touched; of what does not")
+    assert "geom puck and geom finger come nearest" in found.sentence
+
+
+def test_a_body_that_moves_otherwise_is_not_unmoved(pendulum):
+    """The hinge is one tree of bodies, and the free body another, some of whose positions may stay by symmetry."""
+    for output, bodies in (("qpos", [0] + [1] * 7), ("qvel", [0] + [1] * 6), ("qpos[7]", [1]), ("mark", [0] * 3)):
+        scene = SceneFunction(pendulum, mujoco.MjData(pendulum), 1, "qvel", output)
+        assert scene.bodies.tolist() == bodies
+    slopes, still = np.array([[1.0], [0.0], [1.0]]), np.zeros((1, 3, 1))
+    differences = Sweep(np.array([1e-5]), still, still, slopes == 0)
+    found = [zeros(slopes, differences, ["u"], ["x", "y", "z"], np.array(bodies)) for bodies in ([0, 0, 0], [0, 1, 2])]
+    assert [(some.level, some.sentence) for some in found] == [
+        (Level.FINE, "no variable moves y (1 of 3 outputs), but others of the same body move"),
+        (Level.CARE, "no variable moves y (1 of 3 outputs): the output does not depend on them"),
+    ]
 
 
 @pytest.mark.parametrize(("wrt", "level"), [("qpos", Level.CARE), ("ctrl", Level.FINE)])

@@ -15,16 +15,25 @@ from tog_mjx.checks.finding import Finding, Level
 
 STEPS = np.logspace(-1, -9, 17)
 """Of the displacements, relative to the scale of each variable."""
-ACCEPTED, SETTLED, BENT, USABLE = 1e-4, 1e-3, 1e-2, 0.1
-"""Relative errors: of autodiff at the best step; of differences from one step to the next; of the slopes to either
-side; and of a gradient that still shows the way."""
-NARROW = 1e-5
-"""A gradient that shows the way no farther than this is one of a piece too short to descend on."""
+ACCEPTED = 1e-4
+"""Relative error of autodiff at the best step: a term that is left out is rarely so small, and four digits are more
+than a descent can use."""
+SETTLED = 1e-3
+"""Relative change of differences from one step to the next. What they change by is what they know of their own error;
+autodiff may be ten times as far from them, which is 1 % at most, and costs a descent nothing."""
+BENT = 1e-2
+"""Relative difference of the slopes to either side: a bend by less turns a step by half a degree."""
+USABLE = 0.1
+"""Relative error of a gradient that still shows the way: 6 degrees, or 10 % of a step's length."""
+NARROW = 1e-4
+"""A gradient that shows the way no farther than this is one of a piece too short to descend on: 10,000 steps so short
+make one large displacement, and few descents take 1,000."""
+OUTSIDE = "neither, nor between them"
 
 
 class Sweep(NamedTuple):
-    """Differences for each step h [H]: `ahead` and `behind` [H, m, k], and whether a whole column stays the same
-    for every step, [k]."""
+    """Differences for each step h [H]: `ahead` and `behind` [H, m, k], and whether a value stays the same at every
+    step, [m, k]."""
 
     steps: np.ndarray
     ahead: np.ndarray
@@ -49,7 +58,7 @@ def sweep(
     found = np.asarray(values(points))
     centre, (ahead, behind) = found[0], found[1:].reshape(2, len(steps), k, -1)
     h = steps[:, None, None]
-    constant = ((ahead == centre) & (behind == centre)).all(axis=(0, 2))
+    constant = ((ahead == centre) & (behind == centre)).all(axis=0).T
     return Sweep(steps, np.swapaxes(ahead - centre, 1, 2) / h, np.swapaxes(centre - behind, 1, 2) / h, constant)
 
 
@@ -75,7 +84,7 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
         )
     if side := kink(slopes, differences):
         return say(
-            Level.CARE,
+            Level.FAULT if side == OUTSIDE else Level.CARE,
             f"the point lies on a kink: the slopes to either side differ, and autodiff is {side}",
             "move the point, or average over small perturbations: the estimators tell whether that helps",
         )
@@ -92,10 +101,11 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
             f"autodiff is wrong by {error:.0e}: differences settle elsewhere, to {settled:.0e} at a step of {step:.0e}",
             "see 'solver' and 'differentiation': a converged solver, or tog.step, may mend it",
         )
+    # What is right at no step is confirmed by none; what is right over some is a gradient between jumps.
     return say(
-        Level.CARE,
-        f"differences never settle (they change by {settled:.0e} at best): the function jumps within a step's length"
-        + (f"; {reach}" if reach else ""),
+        Level.CARE if reach else Level.FAULT,
+        f"differences never settle (they change by {settled:.0e} at best): the function jumps within a step's length; "
+        + (reach or f"over none of the steps does autodiff come within {USABLE:.0%} of them"),
         "soften the contact, or average over perturbations: the estimators tell over which",
     )
 
@@ -119,4 +129,6 @@ def kink(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> str:
     for name, side in (("the one ahead", differences.ahead[at]), ("the one behind", differences.behind[at])):
         if relative(slopes, side) < BENT:
             return name
-    return "between them"
+    low, high = np.sort([differences.ahead[at], differences.behind[at]], axis=0)
+    is_between = (slopes >= low - BENT * size) & (slopes <= high + BENT * size)
+    return "between them" if is_between.all() else OUTSIDE

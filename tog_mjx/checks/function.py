@@ -49,16 +49,16 @@ def check(objective: Function, x: Numbers, *, estimators: bool = False, report: 
 
     say("forward mode", None)
     value, slopes = forward(flat, point, directions)
+    outputs = tuple(f"y[{i}]" for i in range(value.size))
     batch = jax.jit(jax.vmap(flat))
     differences = sweep(lambda points: np.asarray(batch(points)), point, directions)
     checks: dict[str, Callable[[], Finding]] = {
         "finite": lambda: _finite(value, slopes),
-        "zeros": lambda: zeros(slopes, differences, names),
+        "zeros": lambda: zeros(slopes, differences, names, outputs),
         "agreement": lambda: agreement(slopes, differences),
         "reverse mode": lambda: _reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }
-    outputs = tuple(f"y[{i}]" for i in range(value.size))
     if estimators:
         i = steepest(slopes)
         lowered = lambda z: flat(point + scale * z)[i]  # noqa: E731

@@ -101,9 +101,10 @@ def _checks(
             yield "differentiation", lambda: differentiation(simulation, motion)
         return
     yield "solver", lambda: solver(simulation, motion)
-    n = simulation.scene.size
+    scene, n = simulation.scene, simulation.scene.size
     differences = sweep(simulation.values, np.zeros(n), simulation.directions)
-    yield "zeros", lambda: zeros(motion.slopes, differences, names, lambda: untouched(simulation, motion))
+    unreached = lambda: untouched(simulation, motion)  # noqa: E731
+    yield "zeros", lambda: zeros(motion.slopes, differences, names, scene.outputs, scene.bodies, unreached)
     yield "agreement", lambda: agreement(motion.slopes, differences)
     yield "growth", lambda: growth(simulation, motion)
     yield "time step", lambda: time_step(simulation, motion)

@@ -88,6 +88,17 @@ class SceneFunction:
         return tuple(names[i] for i in _entries(self.output, self._output_shape))
 
     @property
+    def bodies(self) -> Int[np.ndarray, " m"]:
+        """What each of y [m] is of, by number: of positions and velocities the tree of bodies that are joined."""
+        name, trees = _name(str(self.output)), self.model.dof_treeid
+        if name == "qpos":
+            sizes = np.diff([*self.model.jnt_qposadr, self.model.nq])
+            trees = np.repeat(trees[self.model.jnt_dofadr], sizes)
+        elif name != "qvel":
+            return np.zeros(len(self.outputs), int)
+        return trees[_entries(str(self.output), trees.shape)]
+
+    @property
     def _shape(self) -> tuple[int, ...]:
         """Of all numbers of the array that x is taken from."""
         return _shape_of(self.model, _name(self.wrt))
