@@ -12,10 +12,14 @@ from tog_mjx.checks.spoilers import AGREEMENT, COARSE, Question, Spoiler
 from tog_mjx.supported import Culprit, candidates, name_of
 
 _EXACTLY = 1e-9
-"""Distances, in m or rad, that are zero."""
+"""Distances, in m or rad, that are zero: those of poses given in decimals, after rounding. A kink farther away is met
+by steps of a descent, but not by the derivative."""
 TIME_STEP = "time step"
 _STAYS = 10
-"""Time steps after which a joint has stayed where it was."""
+"""Time steps after which a joint has stayed where it was: under any acceleration above 2e-5 m/s^2 at 1 ms it has left
+by more than `_EXACTLY`."""
+_UNMOVED = 1e-12
+"""Inverse weight, in 1/kg, that is zero but for rounding: no body weighs 1e12 kg."""
 
 
 class _Law(NamedTuple):
@@ -217,7 +221,7 @@ def infinite_stiffness(question: Question) -> Iterator[Spoiler]:
     model = question.model
     bodies = {int(model.geom_bodyid[geom]) for first, second, _ in candidates(model) for geom in (first, second)}
     for body in sorted(bodies):
-        if model.body_weldid[body] and model.body_invweight0[body, 0] < 1e-12:
+        if model.body_weldid[body] and model.body_invweight0[body, 0] < _UNMOVED:
             what = f"body {name_of(model, 'body', body)}: a force at its centre does not move it, so that its contacts"
             what += " are infinitely stiff"
             remedy = "shift its centre of mass from the joint a little, or leave its contacts out"

@@ -6,8 +6,11 @@ from jaxtyping import Float
 from tog_mjx.checks.agreement import relative
 from tog_mjx.checks.finding import Finding, Level
 
-SLIGHT, GRAVE = 0.01, 0.5
-"""Relative errors that are told, and that leave nothing of the gradient."""
+SLIGHT = 0.01
+"""Relative error that is told: less costs no descent anything, and is what 1e-7 becomes on a motion of many steps."""
+GRAVE = 0.5
+"""A gradient of which half is rounding is a fault, as one of which half is the time step's: rounding differs from point
+to point, so that no step along it can be compared with the next."""
 
 
 def judge_single(

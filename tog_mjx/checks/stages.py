@@ -9,10 +9,15 @@ from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.motion import NEVER, QUANTITIES, Motion, Simulation
 from tog_mjx.supported import name_of
 
-EXPLODED, GREAT = 1e6, 1e3
-"""Growth of a change of position over the horizon: beyond the first no step is short enough, beyond the second few."""
+GREAT = 1e3
+"""Growth of a change of position over the horizon from which on it is told: a millimetre at the start is a metre at the
+end, so that only steps of micrometres are as the gradient says. As much decay means that the start is forgotten."""
+EXPLODED = 1e6
+"""From here on it is a fault: a micrometre becomes a metre, and nobody knows a scene, or builds it, to a micrometre; in
+float32 a rounding error of 1e-7 becomes a tenth of the motion."""
 DEEP = 0.5
-"""Penetration, relative to the smaller geom's size."""
+"""Penetration, relative to the smaller geom's half size: from the middle on the nearest way out is the other side, and
+half-way there is a fair warning. It is no fault, as soft fingers sink so deep on purpose."""
 
 
 def finite(motion: Motion) -> Finding:
