@@ -32,7 +32,7 @@ def zeros(
     """
     steps = (differences.steps >= SHORTEST) & (differences.steps <= SHORT)
     size = np.abs(differences.central[steps])
-    still, unmoved = ~slopes.any(axis=0), ~slopes.any(axis=1)
+    still, unmoved = (slopes == 0).all(axis=0), (slopes == 0).all(axis=1)
     for names, absent, axis in ((variables, still, 1), (outputs, unmoved, 2)):
         moves = absent & _is_slope(size.max(axis=axis))
         if moves.any():
