@@ -67,8 +67,8 @@ def one_step():
 
     @jax.jit
     def step(qpos, qvel, setpoints):
-        state = simulator.step(simulator.init(*SCENE.start)._replace(qpos=qpos, qvel=qvel), setpoints)
-        return state.qpos, state.qvel
+        state = simulator.step(simulator.init(*SCENE.start) | {"qpos": qpos, "qvel": qvel}, setpoints)
+        return state["qpos"], state["qvel"]
 
     return lambda *args: step(*map(jnp.asarray, args))
 

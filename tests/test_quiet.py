@@ -2,9 +2,10 @@
 
 import mujoco
 
+from tog_mjx import viewing
 from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.quiet import without_warnings
-from tog_mjx.scene import compile_model
+from tog_mjx.quiet import without_warnings
+from tog_mjx.scene import compile_model, scene_path
 
 SINGULAR = "<mujoco><worldbody><body><joint/><joint/><geom size='0.1'/></body></worldbody></mujoco>"
 
@@ -21,6 +22,19 @@ def test_warnings_come_back_when_all_are_done():
             mujoco.mj_forward(model, mujoco.MjData(model))
         assert said == []
         mujoco.mj_forward(model, mujoco.MjData(model))
+    finally:
+        mujoco.set_mju_user_warning(None)
+    assert len(said) == 1
+
+
+def test_whoever_listens_before_a_scene_is_read_or_shown_listens_after():
+    singular = mujoco.MjModel.from_xml_string(SINGULAR)
+    said: list[str] = []
+    mujoco.set_mju_user_warning(said.append)
+    try:
+        model = compile_model(scene_path("flip"))
+        viewing.simulate(model, viewing.start(model), 0.01)
+        mujoco.mj_forward(singular, mujoco.MjData(singular))
     finally:
         mujoco.set_mju_user_warning(None)
     assert len(said) == 1

@@ -104,9 +104,9 @@ def study(request) -> Study:
 
     def step(x: jax.Array) -> jax.Array:
         start = simulator.init(*task.start)
-        qpos, qvel = start.qpos.at[order].set(x[:nv]), start.qvel.at[order].set(x[nv : 2 * nv])
-        after = simulator.step(start._replace(qpos=qpos, qvel=qvel), x[2 * nv :])
-        return jnp.concatenate([after.qpos[order], after.qvel[order]])
+        moved = {"qpos": start["qpos"].at[order].set(x[:nv]), "qvel": start["qvel"].at[order].set(x[nv : 2 * nv])}
+        after = simulator.step(start | moved, x[2 * nv :])
+        return jnp.concatenate([after["qpos"][order], after["qvel"][order]])
 
     run = jax.jit(jax.vmap(jax.jacfwd(step)))
     found = np.concatenate([np.asarray(run(jnp.asarray(part))) for part in np.split(x, 10)])

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from tog_mjx.differences import Differences, central_differences, halvings
 from tog_mjx.rollout import interpolate
+from tog_mjx.state import default_start
 from tog_mjx.tasks import Task
 
 STEPS = halvings(1e-6, 9)
@@ -25,7 +26,7 @@ def final_costs(task: Task, setpoints: Float[np.ndarray, "N n"], threads: int | 
     model = task.scene.model
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     start = np.zeros(mujoco.mj_stateSize(model, kind))
-    mujoco.mj_getState(model, mujoco.MjData(model), start, kind)
+    mujoco.mj_getState(model, default_start(model), start, kind)
     box = np.concatenate([1 + task.scene.joints[:3], 1 + model.nq + task.scene.joints[:3]])
     workers = [mujoco.MjData(model) for _ in range(threads or os.cpu_count() or 1)]
     last = []

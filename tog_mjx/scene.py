@@ -14,6 +14,8 @@ import numpy as np
 
 from tog_mjx.contact import PenaltyLaw
 from tog_mjx.errors import InputError
+from tog_mjx.quiet import without_warnings
+from tog_mjx.state import default_start
 from tog_mjx.supported import check_supported
 
 _PACKAGE = Path(__file__).parent
@@ -46,15 +48,19 @@ class Scene:
 
     @property
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """The pose of the file at rest: box (x, z, theta, vx, vz, omega) [6] and fingers (x, z, vx, vz) [F, 4]."""
-        position = self.model.qpos0[self.joints]
-        fingers = position[3:].reshape(-1, 2)
-        return np.concatenate([position[:3], np.zeros(3)]), np.concatenate([fingers, np.zeros_like(fingers)], axis=1)
+        """By `default_start`: box (x, z, theta, vx, vz, omega) [6] and fingers (x, z, vx, vz) [F, 4]."""
+        q, v = self._start.qpos[self.joints], self._start.qvel[self.joints]
+        fingers = np.concatenate([q[3:].reshape(-1, 2), v[3:].reshape(-1, 2)], axis=1)
+        return np.concatenate([q[:3], v[:3]]), fingers
 
     @property
     def initial_guess(self) -> np.ndarray:
-        """The setpoints u [2F] that the keyframe `start` gives as ctrl."""
-        return np.array(self._named("key", "start").ctrl[self.actuators])
+        """The setpoints u [2F] of `default_start`."""
+        return np.array(self._start.ctrl[self.actuators])
+
+    @functools.cached_property
+    def _start(self) -> mujoco.MjData:
+        return default_start(self.model)
 
     def numeric(self, name: str) -> float:
         """The value of `<custom><numeric name=... data=...>`."""
@@ -210,13 +216,10 @@ def compile_model(path: Path) -> mujoco.MjModel:
       InputError: one line for a file that is malformed.
     """
     try:
-        # MuJoCo's own warnings would go to standard output and into a log file in the working folder.
-        mujoco.set_mju_user_warning(lambda _: None)
-        model = mujoco.MjModel.from_xml_path(str(path))
+        with without_warnings():
+            model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
-    finally:
-        mujoco.set_mju_user_warning(None)
     if not 0 < model.opt.timestep < np.inf:
         raise InputError(f"{path}: <option timestep> is {model.opt.timestep}; give a positive number of seconds")
     return model

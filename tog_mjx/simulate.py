@@ -10,11 +10,10 @@ from jaxtyping import Array, Float
 from tog_mjx import implicit
 from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError
+from tog_mjx.state import state_of
 
 STEPS: dict[str, Callable[[mjx.Model, mjx.Data], mjx.Data]] = {"implicit": implicit.step, "native": mjx.step}
 """How a step is differentiated: by the implicit function theorem, or as MJX leaves it."""
-
-_STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart")
 
 
 def positions_and_velocities(data: mjx.Data) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
@@ -34,8 +33,8 @@ def simulate(
 ) -> tuple[mjx.Data, Any]:
     """Simulates `steps` time steps from `data`. Works under jit, vmap, grad, jvp and inside scan.
 
-    The loop carries time, qpos, qvel, act and the solver's warm start; everything else in `data` (applied forces, mocap
-    poses, active equalities) stays as it is given.
+    The loop carries the state, see `tog_mjx.state`; the other inputs in `data` (applied forces, mocap poses, active
+    equalities) stay as they are given.
 
     Args:
       model, data: on MJX's JAX implementation. A batch: every array of `data` with a leading axis [B, ...].
@@ -69,10 +68,10 @@ def simulate(
     def advance(state: dict[str, Array], ctrl: Array | None) -> tuple[dict[str, Array], Any]:
         before = data.replace(**state, ctrl=controls if ctrl is None else ctrl)
         after = STEPS[differentiation](model, before)
-        return {name: getattr(after, name) for name in _STATE}, observe(after)
+        return state_of(after), observe(after)
 
     rows = controls if controls.ndim == 2 else None
-    state = {name: getattr(data, name) for name in _STATE}
+    state = state_of(data)
     if checkpoint is None:
         state, observations = jax.lax.scan(advance, state, rows, length=steps)
     else:

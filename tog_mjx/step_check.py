@@ -20,6 +20,7 @@ from tog_mjx._mjx import mjx
 from tog_mjx.differences import central_differences, halvings
 from tog_mjx.errors import InputError
 from tog_mjx.simulate import STEPS
+from tog_mjx.state import MOVING, default_start, on_mjx
 
 TOLERANCE = 1e-6
 """Of the error of a derivative, relative to the largest entry of its column."""
@@ -62,14 +63,12 @@ class StepFunction(NamedTuple):
 
 
 def step_function(model: mujoco.MjModel, iterations: int | None = None) -> StepFunction:
-    """The step of `model` at its first keyframe, or at its initial pose; `iterations` replaces the solver's number."""
-    start = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, start, 0)
-    state = {name: jnp.array(getattr(start, name)) for name in ("qpos", "qvel", "act", "ctrl")}
+    """The step of `model` at its `tog_mjx.state.default_start`; `iterations` replaces the solver's number."""
     mjx_model = mjx.put_model(model, impl="jax")
     if iterations is not None:
         mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(iterations=iterations))
+    start = on_mjx(mjx_model, default_start(model))
+    state = {name: getattr(start, name) for name in (*MOVING, "ctrl")}
     leaves, tree = jax.tree_util.tree_flatten_with_path(mjx_model)
     moving = [i for i, (_, leaf) in enumerate(leaves) if leaf.size and leaf.dtype == jnp.zeros(0).dtype]
     rng = np.random.default_rng(0)
@@ -82,7 +81,7 @@ def step_function(model: mujoco.MjModel, iterations: int | None = None) -> StepF
         for k, i in enumerate(moving):
             values[i] = values[i] + parameters[k] * directions[k]
         moved = jax.tree.unflatten(tree, values)
-        data = step(moved, mjx.make_data(mjx_model).replace(**state))
+        data = step(moved, start.replace(**state))
         return jnp.concatenate([data.qpos, data.qvel, data.act])
 
     names = [f"{name}[{i}]" for name in sorted(state) for i in range(state[name].size)]

@@ -48,12 +48,12 @@ class Task:
 
     @property
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """Box [6] and fingers [F, 4] at rest, in the pose of the scene's file."""
+        """Box [6] and fingers [F, 4], where the scene starts."""
         return self.scene.start
 
     @property
     def initial_guess(self) -> np.ndarray:
-        """The setpoints u [2F] from which the paper descends, in the scene's keyframe `start`."""
+        """The setpoints u [2F] from which the paper descends: those with which the scene starts."""
         return np.tile(self.scene.initial_guess, self.knots)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.modes import REFUSED
 from tog_mjx.checks.motion import Simulation
+from tog_mjx.state import copy_of
 
 
 def cost(simulation: Simulation) -> Finding:
@@ -62,8 +63,7 @@ def _seconds_of_c(simulation: Simulation) -> float:
     scene = simulation.scene
     times = []
     for _ in range(2):
-        data = mujoco.MjData(scene.model)
-        data.qpos[:], data.qvel[:], data.ctrl[:] = scene.start.qpos, scene.start.qvel, scene.start.ctrl
+        data = copy_of(scene.model, scene.start)
         begin = time.perf_counter()
         mujoco.mj_step(scene.model, data, scene.steps)
         times.append(time.perf_counter() - begin)

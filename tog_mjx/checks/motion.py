@@ -13,10 +13,11 @@ from jaxtyping import Array, Float, Int
 
 from tog_mjx._mjx import mjx, put_model
 from tog_mjx.batches import call_in_chunks
-from tog_mjx.checks.scene_function import STATE, SceneFunction
+from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.tangents import in_velocity_space, state_basis
 from tog_mjx.constraints import constraint_force, constraint_hessian, read_rows
 from tog_mjx.simulate import STEPS
+from tog_mjx.state import MOVING, STATE, state_of
 from tog_mjx.step_check import compile_quickly
 
 _CHUNK = 32
@@ -32,8 +33,9 @@ class Motion(NamedTuple):
     """Of S samples, k directions of the variables and s of the initial state.
 
     value [m], slopes [m, k]; `bad_value` and `bad_slope` [Q] are the first steps at which a quantity or its derivative
-    is not finite, by QUANTITIES, or NEVER. `times` [S] are steps; `moved` [S, k] the norms of the state's derivative
-    along the directions; `jacobians` [S, 2 nv + na, s] that of the state in the initial one, both in velocity space.
+    is not finite, by QUANTITIES, or NEVER. `times` [S] are steps, and `states` [S, ...] the states there, by
+    `tog_mjx.state.STATE`; `moved` [S, k] the norms of the state's derivative along the directions; `jacobians`
+    [S, 2 nv + na, s] that of the state in the initial one, both in velocity space.
     Over the motion: the least distance [C] of each candidate contact, of the surfaces and less the margin (below zero
     there is a force); the step of it, and the geoms [C, 2]; and the largest Newton correction that the solver's
     answers still ask for, relative to the acceleration.
@@ -46,8 +48,7 @@ class Motion(NamedTuple):
     times: np.ndarray
     moved: np.ndarray
     jacobians: np.ndarray
-    qpos: np.ndarray
-    qvel: np.ndarray
+    states: dict[str, np.ndarray]
     distance: np.ndarray
     distance_step: np.ndarray
     geoms: np.ndarray
@@ -72,19 +73,19 @@ class Simulation:
         record = self._run(model or self.model, data, self._tangents(data), steps or self.scene.steps)
         found = jax.tree.map(np.asarray, record)
         k = self.directions.shape[1]
-        used = found["time"] >= 0
-        qpos, change = found["qpos"][used], found["change"][used]  # [S, nq], [S, K, nq + nv + na]
-        tangent = np.stack([in_velocity_space(self.scene.model, q, c) for q, c in zip(qpos, change, strict=True)])
+        used = found["step"] >= 0
+        states = {name: found[name][used] for name in STATE}
+        each = zip(states["qpos"], found["change"][used], strict=True)  # [nq], [K, nq + nv + na]
+        tangent = np.stack([in_velocity_space(self.scene.model, qpos, change) for qpos, change in each])
         return Motion(
             value=found["value"],
             slopes=found["slopes"].T[:, :k],
             bad_value=found["bad_value"],
             bad_slope=found["bad_slope"],
-            times=found["time"][used],
+            times=found["step"][used],
             moved=np.linalg.norm(tangent[:, :k], axis=2),
             jacobians=tangent[:, k:].swapaxes(1, 2),
-            qpos=qpos,
-            qvel=found["qvel"][used],
+            states=states,
             distance=found["distance"],
             distance_step=found["distance_step"],
             geoms=found["geoms"].astype(int),
@@ -100,7 +101,7 @@ class Simulation:
         model, data = self.scene.place(self.model, self.data, x)
         state, _ = jax.lax.scan(
             lambda state, _: (_advance(self.scene, model, data.replace(**state))[0], None),
-            {name: getattr(data, name) for name in STATE},
+            state_of(data),
             length=self.scene.steps,
         )
         return self.scene.observe(model, data.replace(**state))
@@ -112,9 +113,7 @@ class Simulation:
             return zeros
         model, k = self.scene.model, self.directions.shape[1]
         basis = state_basis(model, np.asarray(data.qpos))
-        parts = dict(
-            zip(("qpos", "qvel", "act"), np.split(basis, [model.nq, model.nq + model.nv], axis=1), strict=True)
-        )
+        parts = dict(zip(MOVING, np.split(basis, [model.nq, model.nq + model.nv], axis=1), strict=True))
         return {**zeros, **{name: zeros[name].at[k:].set(part) for name, part in parts.items()}}
 
     def _motion(self, model: mjx.Model, data: mjx.Data, tangents: dict[str, Array], steps: Int[Array, ""]) -> Any:
@@ -124,7 +123,7 @@ class Simulation:
 
         def begin(x: Array, state: dict) -> dict:
             _, placed = self.scene.place(model, data.replace(**state), x)
-            return {name: getattr(placed, name) for name in STATE}
+            return state_of(placed)
 
         def advance(x: Array, state: dict) -> Any:
             return _advance(self.scene, *self.scene.place(model, data, x), state)
@@ -137,7 +136,7 @@ class Simulation:
             one = lambda dx, change: jax.jvp(function, (x, state), (dx, change))  # noqa: E731
             return jax.vmap(one, out_axes=(None, 0))(along, changes)
 
-        state, change = with_tangents(begin, {name: getattr(data, name) for name in STATE}, tangents)
+        state, change = with_tangents(begin, state_of(data), tangents)
         record = _empty(data._impl.contact.dist.size, state, change)
 
         def body(i: Array, carry: Any) -> Any:
@@ -167,7 +166,7 @@ def _advance(scene: SceneFunction, model: mjx.Model, data: mjx.Data, state: dict
     still = jax.lax.stop_gradient(
         {"correction": _correction(model, after), "geoms": contact.geom.astype(distance.dtype)}
     )
-    return {name: getattr(after, name) for name in STATE}, {**stages, **still}
+    return state_of(after), {**stages, **still}
 
 
 def _correction(model: mjx.Model, data: mjx.Data) -> Float[Array, ""]:
@@ -183,18 +182,15 @@ def _correction(model: mjx.Model, data: mjx.Data) -> Float[Array, ""]:
 
 
 def _flat(state: dict) -> Array:
-    """qpos, qvel and act, one after the other along the last axis."""
-    return jnp.concatenate([state["qpos"], state["qvel"], state["act"]], axis=-1)
+    """What moves, one after the other along the last axis."""
+    return jnp.concatenate([state[name] for name in MOVING], axis=-1)
 
 
 def _empty(contacts: int, state: dict, change: dict) -> dict[str, Array]:
-    q, v = state["qpos"], state["qvel"]
-    flat = _flat(change)
+    first = {**state, "change": _flat(change)}
     return {
-        "time": jnp.full(SAMPLES + 1, -1).at[0].set(0),
-        "qpos": jnp.zeros((SAMPLES + 1, *q.shape)).at[0].set(q),
-        "qvel": jnp.zeros((SAMPLES + 1, *v.shape)).at[0].set(v),
-        "change": jnp.zeros((SAMPLES + 1, *flat.shape)).at[0].set(flat),
+        "step": jnp.full(SAMPLES + 1, -1).at[0].set(0),
+        **{name: jnp.zeros((SAMPLES + 1, *value.shape)).at[0].set(value) for name, value in first.items()},
         "bad_value": jnp.full(len(QUANTITIES), NEVER),
         "bad_slope": jnp.full(len(QUANTITIES), NEVER),
         "distance": jnp.full(contacts, jnp.inf),
@@ -213,7 +209,7 @@ def _note(record: dict, i: Array, stride: Array, state: dict, change: dict, stag
     }
     is_nearer = stages["collision"] < record["distance"]
     nearer = {"distance": stages["collision"], "distance_step": i}
-    samples = {"time": step, "qpos": state["qpos"], "qvel": state["qvel"], "change": _flat(change)}
+    samples = {"step": step, **state, "change": _flat(change)}
     return {
         **record,
         **{key: record[key].at[at].set(new) for key, new in samples.items()},

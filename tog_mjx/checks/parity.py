@@ -2,11 +2,11 @@
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
 
 from tog_mjx.checks.agreement import relative
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.motion import Motion, Simulation
+from tog_mjx.state import MOVING, copy_of
 
 STATES, EVERY = 60, 6
 """States along the motion at which a step is compared, and at every so many of them its derivative."""
@@ -26,12 +26,13 @@ def parity(simulation: Simulation, motion: Motion) -> Finding:
     chosen = np.unique(np.linspace(0, len(motion.times) - 2, STATES).astype(int))
     apart, slopes_apart = [], []
     for number, i in enumerate(chosen):
-        qpos, qvel = motion.qpos[i], motion.qvel[i]
-        start = {"qpos": np.asarray(qpos), "qvel": np.asarray(qvel)}
+        start = {name: values[i] for name, values in motion.states.items()}
         one = simulation.run(steps=1, start=start)
-        after, jacobian = _step_of_c(scene.model, scene.start, qpos, qvel, number % EVERY == 0)
-        change = np.concatenate([one.qpos[-1] - qpos, one.qvel[-1] - qvel])
-        expected = np.concatenate([after[0] - qpos, after[1] - qvel])
+        after, jacobian = _step_of_c(scene.model, copy_of(scene.model, scene.start, **start), number % EVERY == 0)
+        change, expected = (
+            np.concatenate([end[name] - start[name] for name in MOVING])
+            for end in ({name: values[-1] for name, values in one.states.items()}, after)
+        )
         apart.append(relative(change, expected))
         slopes_apart.append(relative(one.jacobians[-1], jacobian) if jacobian is not None else np.nan)
     worst, typical = float(np.max(apart)), float(np.median([*(x for x in slopes_apart if np.isfinite(x))] or np.nan))
@@ -56,37 +57,23 @@ def parity(simulation: Simulation, motion: Motion) -> Finding:
 
 
 def _step_of_c(
-    model: mujoco.MjModel,
-    start: mujoco.MjData,
-    qpos: Float[np.ndarray, " nq"],
-    qvel: Float[np.ndarray, " nv"],
-    differentiate: bool,
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray | None]:
-    """The next positions and velocities, and the Jacobian [2 nv + na, 2 nv + na] by central differences of 1e-6 if
-    asked for, but for RK4, which MuJoCo refuses."""
-    data = _state_of_c(model, start)
-    data.qpos[:], data.qvel[:] = qpos, qvel
+    model: mujoco.MjModel, data: mujoco.MjData, differentiate: bool
+) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+    """What moves after a step from `data`, which goes there, and the Jacobian [2 nv + na, 2 nv + na] by central
+    differences of 1e-6 if asked for, but for RK4, which MuJoCo refuses."""
     size = 2 * model.nv + model.na
     jacobian = None
     if differentiate and model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
         jacobian = np.zeros((size, size))
         mujoco.mjd_transitionFD(model, data, 1e-6, True, jacobian, None, None, None)
     mujoco.mj_step(model, data)
-    return (data.qpos.copy(), data.qvel.copy()), jacobian
+    return {name: getattr(data, name) for name in MOVING}, jacobian
 
 
 def _drift(simulation: Simulation, motion: Motion) -> float:
     """How far C MuJoCo ends from where MJX ends, relative to how far it went."""
     scene = simulation.scene
-    data = _state_of_c(scene.model, scene.start)
-    data.qpos[:], data.qvel[:] = scene.start.qpos, scene.start.qvel
+    data = copy_of(scene.model, scene.start)
     mujoco.mj_step(scene.model, data, scene.steps)
-    return relative(motion.qpos[-1] - motion.qpos[0], data.qpos - motion.qpos[0])
-
-
-def _state_of_c(model: mujoco.MjModel, start: mujoco.MjData) -> mujoco.MjData:
-    """New data with the inputs of `start`."""
-    data = mujoco.MjData(model)
-    for name in ("ctrl", "act", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat", "eq_active"):
-        getattr(data, name)[...] = getattr(start, name)
-    return data
+    first, *_, last = motion.states["qpos"]
+    return relative(last - first, data.qpos - first)

@@ -11,9 +11,10 @@ import numpy as np
 from tog_mjx.checks import parameters, spoilers
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.lines import Lines
-from tog_mjx.checks.quiet import without_warnings
 from tog_mjx.checks.scene_function import variables_of
 from tog_mjx.checks.spoilers import Question, Spoiler
+from tog_mjx.quiet import without_warnings
+from tog_mjx.state import copy_of, default_start
 from tog_mjx.supported import Culprit, ignored, unsupported
 
 
@@ -56,8 +57,8 @@ def preflight(
 
     Args:
       path: the MJCF file the model was read from, for line numbers.
-      data: the state the motion starts from, and its controls; left as it is. By default the first keyframe, or the
-        initial pose.
+      data: the state the motion starts from, and its controls; left as it is. `tog_mjx.state.default_start` if
+        None.
       wrt: the variables of the derivative ("ctrl", "geom_friction[1, 0]", ...): some features spoil those in one field,
         or in one number of it, alone.
       differentiation: "implicit" or "native", see `tog_mjx.simulate`.
@@ -88,12 +89,7 @@ def _spoilers(question: Question) -> Iterator[Spoiler]:
 
 def _state(model: mujoco.MjModel, data: mujoco.MjData | None) -> mujoco.MjData:
     """A state of its own, with positions, contacts and forces computed."""
-    state = mujoco.MjData(model)
-    if data is not None:
-        for name in ("time", "qpos", "qvel", "act", "ctrl", "mocap_pos", "mocap_quat", "eq_active", "qfrc_applied"):
-            setattr(state, name, getattr(data, name))
-    elif model.nkey:
-        mujoco.mj_resetDataKeyframe(model, state, 0)
+    state = default_start(model) if data is None else copy_of(model, data)
     mujoco.mj_forward(model, state)
     return state
 

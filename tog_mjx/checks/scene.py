@@ -19,11 +19,12 @@ from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
 from tog_mjx.checks.parity import parity
 from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.quiet import without_warnings
 from tog_mjx.checks.scene_function import Cost, SceneFunction
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
 from tog_mjx.checks.zeros import zeros
+from tog_mjx.quiet import without_warnings
+from tog_mjx.state import default_start
 
 
 def check_scene(
@@ -43,7 +44,7 @@ def check_scene(
 
     Args:
       model: any. Of one that MJX cannot simulate the verdict says why not.
-      start: the state, and the controls held; the model's initial pose if None. It is left as it is.
+      start: the state, and the controls held; `tog_mjx.state.default_start` if None. It is left as it is.
       steps, wrt, output, differentiation: see `SceneFunction`.
       path: the file that the model was read from: the preflight then names its lines.
       quick: leaves out what compiles the motion again: other modes, float32 and the cost.
@@ -54,7 +55,7 @@ def check_scene(
       InputError: for what is not in the scene.
     """
     if start is None:
-        start = mujoco.MjData(model)
+        start = default_start(model)
     say: Report = report or (lambda *_: None)
     with jax.enable_x64(), without_warnings():
         scene = SceneFunction(model, start, steps, wrt, output, differentiation)

@@ -17,14 +17,12 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from tog_mjx._mjx import make_data, mjx
+from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError
 from tog_mjx.integration import positions_after
+from tog_mjx.state import on_mjx
 
 Cost = Callable[[mjx.Data], Array]
-_INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat")
-STATE = ("time", "qpos", "qvel", "act", "qacc_warmstart")
-"""What a time step passes on to the next."""
 _STATE_SIZES = {"ctrl": "nu", "qpos": "nv", "qvel": "nv"}
 
 
@@ -118,11 +116,7 @@ class SceneFunction:
 
     def base(self, model: mjx.Model) -> mjx.Data:
         """The start on MJX."""
-        data = make_data(model)
-        given = {name: np.array(getattr(self.start, name)) for name in (*_INPUTS, *STATE)}
-        arrays = {name: jnp.asarray(value, getattr(data, name).dtype) for name, value in given.items()}
-        active = jnp.asarray(self.start.eq_active, data.eq_active.dtype)
-        return data.replace(**arrays, eq_active=active)
+        return on_mjx(model, self.start)
 
     def place(self, model: mjx.Model, data: mjx.Data, x: Float[Array, " n"]) -> tuple[mjx.Model, mjx.Data]:
         """The model and the start, displaced."""

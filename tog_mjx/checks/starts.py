@@ -8,36 +8,35 @@ import mujoco
 import numpy as np
 
 from tog_mjx.errors import InputError
+from tog_mjx.state import MOVING, default_start
 
-_FIELDS = ("qpos", "qvel", "act", "ctrl")
+_FIELDS = (*MOVING, "ctrl")
 
 
 def keyframe_start(model: mujoco.MjModel, name: str | None = None) -> mujoco.MjData:
-    """That of the keyframe; without a name the first one's, or the initial pose.
+    """That of the keyframe; without a name that of `default_start`.
 
     Raises:
       InputError: with the names there are.
     """
-    data = mujoco.MjData(model)
     if name is None:
-        if model.nkey:
-            mujoco.mj_resetDataKeyframe(model, data, 0)
-        return data
+        return default_start(model)
     key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, name)
     if key < 0:
         names = ", ".join(model.key(i).name or f"number {i}" for i in range(model.nkey)) or "none"
         raise InputError(f"the scene has no keyframe named {name}; its keyframes: {names}")
+    data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, key)
     return data
 
 
 def saved_start(model: mujoco.MjModel, path: Path) -> mujoco.MjData:
-    """That of a .npz or .json file with some of qpos, qvel, act and ctrl; the rest is the initial pose's.
+    """That of a .npz or .json file with some of qpos, qvel, act and ctrl; the rest is that of `default_start`.
 
     Raises:
       InputError: for a file that cannot be read, or numbers that do not fit the model.
     """
-    data = mujoco.MjData(model)
+    data = default_start(model)
     given = _read(path)
     if not set(given) & set(_FIELDS):
         raise InputError(f"{path}: it has none of {', '.join(_FIELDS)}; give at least one of them")

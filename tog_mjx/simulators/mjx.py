@@ -1,30 +1,24 @@
 """MuJoCo MJX as a planar simulator of one box and its fingers.
 
-The loop carries positions, velocities, activations and the solver's warm start, not the whole `mjx.Data`: reverse mode
-must store its carry at every step.
+The loop carries the state, by `tog_mjx.state`, not the whole `mjx.Data`: reverse mode must store its carry at every
+step.
 """
 
 import dataclasses
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.errors import InputError
 from tog_mjx.scene import Scene
 from tog_mjx.simulate import STEPS
+from tog_mjx.state import state_of
 from tog_mjx.types import Box, Fingers, Setpoints
 
-
-class MjxState(NamedTuple):
-    """What a time step needs of the one before. The warm start [nv] is where the solver starts, never where it ends."""
-
-    qpos: Float[Array, " nq"]
-    qvel: Float[Array, " nv"]
-    act: Float[Array, " na"]
-    qacc_warmstart: Float[Array, " nv"]
+State = dict[str, Array]
 
 
 @jax.tree_util.register_dataclass
@@ -50,7 +44,7 @@ class MjxSimulator:
         model = put_model(scene.model)
         return cls(model, tuple(scene.joints.tolist()), tuple(scene.actuators.tolist()), differentiation)
 
-    def init(self, box: Box, fingers: Fingers) -> MjxState:
+    def init(self, box: Box, fingers: Fingers) -> State:
         if self.model.qpos0.dtype != jnp.zeros(0).dtype:
             raise InputError(
                 "JAX's x64 flag changed after this simulator was made; make it again under the flag you run it with"
@@ -58,21 +52,18 @@ class MjxSimulator:
         box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
         position = jnp.concatenate([box[:3], fingers[:, :2].ravel()])
         velocity = jnp.concatenate([box[3:], fingers[:, 2:].ravel()])
-        joints = jnp.array(self.joints)
-        zeros = jnp.zeros(self.model.nv)
-        return MjxState(
-            self.model.qpos0.at[joints].set(position), zeros.at[joints].set(velocity), jnp.zeros(self.model.na), zeros
-        )
+        joints, data = jnp.array(self.joints), make_data(self.model)
+        return state_of(data.replace(qpos=data.qpos.at[joints].set(position), qvel=data.qvel.at[joints].set(velocity)))
 
-    def step(self, state: MjxState, setpoints: Setpoints) -> MjxState:
+    def step(self, state: State, setpoints: Setpoints) -> State:
         """Advances by one time step under the setpoints [2F]."""
         data = make_data(self.model)
         ctrl = data.ctrl.at[jnp.array(self.actuators)].set(setpoints)
-        data = STEPS[self.differentiation](self.model, data.replace(**state._asdict(), ctrl=ctrl))
-        return MjxState(data.qpos, data.qvel, data.act, data.qacc_warmstart)
+        data = STEPS[self.differentiation](self.model, data.replace(**state, ctrl=ctrl))
+        return state_of(data)
 
-    def observe(self, state: MjxState) -> tuple[Box, Fingers]:
+    def observe(self, state: State) -> tuple[Box, Fingers]:
         joints = jnp.array(self.joints)
-        position, velocity = state.qpos[joints], state.qvel[joints]
+        position, velocity = state["qpos"][joints], state["qvel"][joints]
         box = jnp.concatenate([position[:3], velocity[:3]])
         return box, jnp.concatenate([position[3:].reshape(-1, 2), velocity[3:].reshape(-1, 2)], axis=1)

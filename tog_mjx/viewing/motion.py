@@ -7,6 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.errors import InputError
+from tog_mjx.quiet import without_warnings
+from tog_mjx.state import default_start, start_key
 
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
@@ -23,7 +25,7 @@ class Motion(NamedTuple):
 
 
 def start(model: mujoco.MjModel, setpoints: Float[np.ndarray, " nu"] | None = None) -> mujoco.MjData:
-    """The state of the keyframe `start`, else of the first keyframe, else of the file.
+    """The state of `tog_mjx.state.default_start`.
 
     Its controls are the setpoints where given. The model's markers are moved to them, and its keyframe takes them, so
     that a viewer that loads the keyframe starts here again.
@@ -31,10 +33,7 @@ def start(model: mujoco.MjModel, setpoints: Float[np.ndarray, " nu"] | None = No
     Raises:
       InputError: for setpoints of the wrong number or not finite.
     """
-    data = mujoco.MjData(model)
-    key = max(0, mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, "start"))
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, key)
+    data = default_start(model)
     if setpoints is not None:
         if setpoints.shape != (model.nu,):
             raise InputError(f"{len(setpoints)} setpoints given; the scene takes {model.nu}, one of each actuator")
@@ -43,7 +42,7 @@ def start(model: mujoco.MjModel, setpoints: Float[np.ndarray, " nu"] | None = No
         data.ctrl[:] = setpoints
     move_markers(model, data.ctrl)
     if model.nkey:
-        mujoco.mj_setKeyframe(model, data, key)
+        mujoco.mj_setKeyframe(model, data, start_key(model))
     mujoco.mj_forward(model, data)
     return data
 
@@ -71,9 +70,7 @@ def simulate(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> Mot
     """
     data.time = 0
     qpos = [data.qpos.copy()]
-    try:
-        # MuJoCo's own warning would go into a log file in the working folder.
-        mujoco.set_mju_user_warning(lambda _: None)
+    with without_warnings():
         for _ in range(round(duration / model.opt.timestep)):
             mujoco.mj_step(model, data)
             if any(data.warning[int(kind)].number for kind in _DIVERGED):
@@ -82,8 +79,6 @@ def simulate(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> Mot
                     "give other setpoints, or the scene a smaller <option timestep>"
                 )
             qpos.append(data.qpos.copy())
-    finally:
-        mujoco.set_mju_user_warning(None)
     return Motion(np.arange(len(qpos)) * model.opt.timestep, np.array(qpos))
 
 

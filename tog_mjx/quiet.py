@@ -1,4 +1,4 @@
-"""MuJoCo without its warnings: a verdict says itself what is wrong."""
+"""MuJoCo without its warnings, where what is wrong is told otherwise."""
 
 import contextlib
 from collections.abc import Iterator
