@@ -35,6 +35,20 @@ def test_the_objective_composes_with_jit_vmap_and_grad():
     np.testing.assert_allclose(jax.jacfwd(objective)(us[0]), one_by_one[0], rtol=1e-9)
 
 
+@pytest.mark.parametrize("kind", [list, np.array, jnp.array])
+def test_setpoints_that_a_transformation_does_not_trace_are_known(kind):
+    """A compiled function of something else, with J at fixed setpoints in it."""
+    J = tog.objective("flip", "penalty")
+    u, bad = kind([0.0, 0.25]), kind([0.0, np.nan])
+    value, slope = jax.jit(jax.value_and_grad(lambda a: a * J(u)))(2.0)
+    np.testing.assert_allclose([value, slope], [2 * J(u), J(u)], rtol=1e-12)
+    np.testing.assert_allclose(
+        jax.grad(lambda z: J([0.0, z]))(0.25), jax.grad(J)(jnp.array([0.0, 0.25]))[1], rtol=1e-12
+    )
+    with pytest.raises(tog.InputError, match="not finite"):
+        jax.jit(lambda a: a * J(bad))(1.0)
+
+
 def test_inside_jit_first_and_then_alone():
     inside = jax.jit(lambda u: tog.rollout("grasp", u, "released").box[-1])(jnp.array([-0.1, 0.4, 0.1, 0.5]))
     np.testing.assert_allclose(tog.rollout("grasp", [-0.1, 0.4, 0.1, 0.5], "released").box[-1], inside, rtol=1e-9)

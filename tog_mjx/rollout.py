@@ -98,19 +98,21 @@ def check_setpoints(task: Task, u: Numbers) -> Float[Array, " n"]:
     """u as an array of JAX's default float type.
 
     Raises:
-      InputError: for setpoints of the wrong shape, or known to be not finite (inside a transformation nothing is
+      InputError: for setpoints of the wrong shape, or not finite (of what a transformation traces that is not
       known).
     """
     size = task.initial_guess.size
     each = "x and z of each finger" + (" at each knot" if task.knots > 1 else "") + " in m"
     try:
-        u = jnp.asarray(u, float)
+        # Numbers stay numbers inside a transformation of something else.
+        with jax.ensure_compile_time_eval():
+            u = jnp.asarray(u, float)
     except (TypeError, ValueError):
         raise InputError(f"setpoints {u!r} are not numbers; give {size} of them, {each}") from None
     if u.shape != (size,):
         shape = ", ".join(map(str, u.shape))
         raise InputError(f"setpoints have shape [{shape}]; {task.name} takes [{size}], {each}")
-    if not isinstance(u, jax.core.Tracer) and not bool(jnp.isfinite(u).all()):
+    if not isinstance(u, jax.core.Tracer) and not np.isfinite(np.asarray(u)).all():
         raise InputError(f"setpoints {u.tolist()} are not finite; give finite numbers of m")
     return u
 
