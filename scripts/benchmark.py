@@ -4,7 +4,6 @@ Medians. Compilation is measured apart, without the cache. With --out, the numbe
 """
 
 import contextlib
-import os
 import platform
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from rich.table import Table
 
 from tog_mjx.benchmarks import sections
 from tog_mjx.console import ArgumentParser, run_main
+from tog_mjx.devices import cores
 from tog_mjx.figures.crossover import draw_crossover
 from tog_mjx.figures.style import save_figure
 from tog_mjx.storage import check_writable, save_json
@@ -99,7 +99,7 @@ def table(title: str, rows: list[dict[str, Any]]) -> Table:
 def machine(args) -> dict[str, Any]:
     return {
         "processor": platform.processor() or platform.machine(),
-        "cores": os.cpu_count(),
+        "cores": cores(),
         "devices": [str(device) for device in jax.devices()],
         "jax": jax.__version__,
         "precision": "float32" if args.float32 else "float64",

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from tog_mjx.batches import CHUNK
+from tog_mjx.devices import cores
 from tog_mjx.landscape import landscape
 from tog_mjx.tasks import get_task
 
@@ -77,6 +78,31 @@ def test_many_devices_give_the_numbers_of_one(tmp_path, alone, processes, device
     for one in again:
         assert one["said"].size == 0
         np.testing.assert_array_equal(one["costs"], found[0]["costs"])
+
+
+def test_each_core_is_a_device_also_where_the_system_does_not_tell_which_are_ours():
+    """As macOS does not."""
+    program = """
+import os
+del os.sched_getaffinity
+import jax
+from tog_mjx.devices import use_all_cores
+os.cpu_count = lambda: 3
+use_all_cores()
+print(jax.local_device_count())
+"""
+    found = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"JAX_PLATFORMS": "cpu", "XLA_FLAGS": ""},
+    )
+    assert found.stdout == "3\n", found.stderr
+
+
+def test_cores_are_those_that_this_process_may_use(monkeypatch):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {1, 4, 5}, raising=False)
+    assert cores() == 3
 
 
 def test_no_script_starts_jax_before_it_has_set_devices_and_compiler():

@@ -6,7 +6,6 @@ it, all moving. C MuJoCo itself says which contacts stick, slide or part.
 
 import collections
 import copy
-import os
 from typing import NamedTuple
 
 import jax
@@ -16,6 +15,7 @@ import mujoco.rollout
 import numpy as np
 import pytest
 
+from tog_mjx.devices import cores
 from tog_mjx.differences import Differences, central_differences, halvings
 from tog_mjx.simulators import MjxSimulator, make_simulator
 from tog_mjx.tasks import Task, get_task
@@ -70,7 +70,7 @@ def step_in_c(task: Task, x: np.ndarray) -> np.ndarray:
     state[:, 1 + order], state[:, 1 + nv + order] = x[:, :nv], x[:, nv : 2 * nv]
     controls = np.zeros((len(x), 1, model.nu))
     controls[:, 0, task.scene.actuators] = x[:, 2 * nv :]
-    workers = [mujoco.MjData(model) for _ in range(os.cpu_count() or 1)]
+    workers = [mujoco.MjData(model) for _ in range(cores())]
     after, _ = mujoco.rollout.rollout(model, workers, state, control=controls, nstep=1)
     return np.concatenate([after[:, 0, 1 + order], after[:, 0, 1 + nv + order]], axis=1)
 

@@ -17,6 +17,11 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 _AXIS = "points"
 
 
+def cores() -> int:
+    """Those that this process may use, where the system tells (macOS does not), else those of the machine."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def use_all_cores() -> None:
     """Makes each core of this machine a device of JAX's CPU backend, unless somebody chose a number of devices.
 
@@ -27,7 +32,7 @@ def use_all_cores() -> None:
     )
     if not is_chosen:
         with contextlib.suppress(RuntimeError):
-            jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
+            jax.config.update("jax_num_cpu_devices", cores())
 
 
 def tune_compiler() -> None:

@@ -1,7 +1,6 @@
 """C MuJoCo as the reference: the cost of many setpoints at a time, and its gradient by central differences."""
 
 import functools
-import os
 from collections.abc import Iterator
 
 import jax
@@ -10,6 +9,7 @@ import mujoco.rollout
 import numpy as np
 from jaxtyping import Float
 
+from tog_mjx.devices import cores
 from tog_mjx.differences import Differences, central_differences, halvings
 from tog_mjx.rollout import interpolate
 from tog_mjx.state import default_start
@@ -28,7 +28,7 @@ def final_costs(task: Task, setpoints: Float[np.ndarray, "N n"], threads: int | 
     start = np.zeros(mujoco.mj_stateSize(model, kind))
     mujoco.mj_getState(model, default_start(model), start, kind)
     box = np.concatenate([1 + task.scene.joints[:3], 1 + model.nq + task.scene.joints[:3]])
-    workers = [mujoco.MjData(model) for _ in range(threads or os.cpu_count() or 1)]
+    workers = [mujoco.MjData(model) for _ in range(threads or cores())]
     last = []
     for chunk in np.array_split(setpoints, -(-len(setpoints) // 256)):
         controls = np.zeros((len(chunk), 1 if task.knots == 1 else task.horizon - 1, model.nu))
