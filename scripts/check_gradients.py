@@ -64,7 +64,8 @@ def parse_arguments() -> argparse.Namespace:
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", help="an MJCF file, or flip or grasp")
     parser.add_argument("--steps", type=int, default=100, metavar="N", help="time steps (default: %(default)s)")
-    parser.add_argument("--wrt", default="ctrl", help="ctrl, qpos, qvel or a field of mjx.Model (default: %(default)s)")
+    default = "default: ctrl; of a scene without actuators, qvel"
+    parser.add_argument("--wrt", help=f"ctrl, qpos, qvel or a field of mjx.Model ({default})")
     parser.add_argument("--output", default="qpos", help="qpos, qvel, or the name of a site (default: %(default)s)")
     parser.add_argument("--cost", metavar="PACKAGE.MODULE:FUNCTION", help="of the last mjx.Data; in place of --output")
     parser.add_argument("--differentiation", choices=list(STEPS), default="implicit", help="default: %(default)s")

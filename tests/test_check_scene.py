@@ -187,13 +187,18 @@ def test_a_contact_acts_within_its_margin():
 
 @pytest.mark.parametrize(("speed", "word"), [("0", "trust"), ("6", "do not trust")])
 def test_what_is_measured_overrules_what_is_feared(speed, word):
-    """A limit too stiff for the time step spoils the motion that meets it, and no other."""
+    """A limit too stiff for the time step spoils the motion that meets it, and no other.
+
+    The scene has no actuators: what is asked for then is the derivative in the velocities.
+    """
     xml = f"""<mujoco><option timestep="0.01"><flag refsafe="disable"/></option><worldbody>
       <body><joint name="x" type="slide" axis="1 0 0" limited="true" range="-1 0.3" solreflimit="-90000 -1"/>
       <geom size="0.1" mass="1"/></body></worldbody><keyframe><key qvel="{speed}"/></keyframe></mujoco>"""
     model = mujoco.MjModel.from_xml_string(xml)
-    verdict = tog.check_scene(model, keyframe_start(model), steps=20, wrt="qvel", quick=True)
+    verdict = tog.check_scene(model, keyframe_start(model), steps=20, quick=True)
     assert verdict.word == word, verdict.line
+    assert verdict.subject == "qpos[0] after 20 steps, by qvel, as the scene has no actuators"
+    assert verdict.variables == ("qvel[0]",)
     (remark,) = [finding for finding in verdict.findings if finding.check == "preflight"]
     assert "too coarsely stepped" in remark.sentence
     assert remark.level == (Level.FINE if word == "trust" else Level.CARE)

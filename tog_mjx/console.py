@@ -18,6 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from tog_mjx.devices import tune_compiler, use_all_cores
 from tog_mjx.errors import InputError
+from tog_mjx.user_code import own_lines
 
 CACHE_VARIABLE = "TOG_MJX_CACHE"
 """Environment variable: the folder of compiled functions, or "off". The default lies in the user's cache folder."""
@@ -33,7 +34,10 @@ class ArgumentParser(argparse.ArgumentParser):
 
 
 def run_main(main: Callable[[], None]) -> None:
-    """Runs a script: bad input ends it with one line and status 2, Ctrl-C with one line and status 130."""
+    """Runs a script: bad input ends it with one line and status 2, Ctrl-C with one line and status 130.
+
+    Where a user's own code has failed, its lines stand before that line.
+    """
     name = Path(sys.argv[0]).name
     try:
         enable_compilation_cache()
@@ -43,7 +47,7 @@ def run_main(main: Callable[[], None]) -> None:
         gc.set_threshold(100_000)
         main()
     except InputError as error:
-        print(f"{name}: {error}", file=sys.stderr)
+        print(f"{own_lines(error.__cause__)}{name}: {error}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print(f"{name}: interrupted; what was finished is kept, the same command continues", file=sys.stderr)

@@ -47,7 +47,7 @@ def finish_file(
 ) -> dict[str, Any]:
     """The result of a file, by COLUMNS, with the `seconds_of` each check and all `findings`: read, or made and kept.
 
-    A file without actuators is differentiated in `qvel`, others in `ctrl`. What ran out of time is run again where
+    What ran out of time is run again where
     there is more of it now.
 
     Args:
@@ -142,10 +142,10 @@ def _check(path: Path, result: Path, steps: int, quick: bool) -> None:
     try:
         model = compile_model(path)
         found |= {"nq": model.nq, "nv": model.nv, "nu": model.nu}
-        start, wrt = keyframe_start(model), "ctrl" if model.nu else "qvel"
-        if not any(remark.blocks for remark in preflight(model, path, start, wrt)):
+        start = keyframe_start(model)
+        if not any(remark.blocks for remark in preflight(model, path, start)):
             found["contacts"] = int(make_data(put_model(model))._impl.contact.dist.size)
-        verdict = check_scene(model, start, steps=steps, wrt=wrt, path=path, quick=quick, report=say)
+        verdict = check_scene(model, start, steps=steps, path=path, quick=quick, report=say)
     except InputError as error:
         found |= {"verdict": NOT_CHECKED, "check": "", "sentence": str(error)}
     else:

@@ -62,6 +62,7 @@ class Simulation:
         self.scene, self.directions = scene, directions
         self.model = put_model(scene.model)
         self.data = scene.base(self.model)
+        jax.eval_shape(scene.observe, self.model, self.data)  # A cost that fails does so now, not after compilation.
         self._states = 2 * scene.model.nv + scene.model.na if states else 0
         self._rows = directions.shape[1] + self._states
         self._run = compile_quickly(self._motion)

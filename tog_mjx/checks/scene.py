@@ -19,10 +19,11 @@ from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
 from tog_mjx.checks.parity import parity
 from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.scene_function import Cost, SceneFunction
+from tog_mjx.checks.scene_function import Cost, SceneFunction, default_wrt
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
 from tog_mjx.checks.zeros import zeros
+from tog_mjx.errors import InputError
 from tog_mjx.quiet import without_warnings
 from tog_mjx.state import default_start
 
@@ -32,7 +33,7 @@ def check_scene(
     start: mujoco.MjData | None = None,
     *,
     steps: int = 100,
-    wrt: str = "ctrl",
+    wrt: str | None = None,
     output: str | Cost = "qpos",
     differentiation: str = "implicit",
     path: str | Path | None = None,
@@ -45,23 +46,27 @@ def check_scene(
     Args:
       model: any. Of one that MJX cannot simulate the verdict says why not.
       start: the state, and the controls held; `tog_mjx.state.default_start` if None. It is left as it is.
-      steps, wrt, output, differentiation: see `SceneFunction`.
+      steps, output, differentiation: see `SceneFunction`.
+      wrt: see `SceneFunction`; if None the controls, or the velocities of a scene without actuators.
       path: the file that the model was read from: the preflight then names its lines.
       quick: leaves out what compiles the motion again: other modes, float32 and the cost.
       estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of
         several outputs, to lower the one whose derivative is largest.
 
     Raises:
-      InputError: for what is not in the scene.
+      InputError: for what is not in the scene, or a cost that fails or returns no number.
     """
     if start is None:
         start = default_start(model)
+    by = default_wrt(model) if wrt is None else wrt
+    why = "" if wrt or model.nu else ", as the scene has no actuators"
     say: Report = report or (lambda *_: None)
     with jax.enable_x64(), without_warnings():
-        scene = SceneFunction(model, start, steps, wrt, output, differentiation)
-        subject = f"{', '.join(scene.outputs[:3])}{', ...' * (len(scene.outputs) > 3)} after {steps} steps, by {wrt}"
+        scene = SceneFunction(model, start, steps, by, output, differentiation)
+        told = ", ".join(scene.outputs[:3]) + ", ..." * (len(scene.outputs) > 3)
+        subject = f"{told} after {steps} steps, by {by}{why}"
         say("preflight", None)
-        remarks = preflight(model, path, start, wrt, differentiation)
+        remarks = preflight(model, path, start, by, differentiation)
         findings = [remark.finding() for remark in remarks]
         for finding in findings:
             say("preflight", finding)
@@ -77,6 +82,8 @@ def check_scene(
                 say(name, None)
                 findings.append(check())
                 say(name, findings[-1])
+        except InputError:
+            raise
         except Exception as error:
             # What is not MJX's failure is ours, and is raised.
             failed = failure(model, error)

@@ -21,6 +21,7 @@ from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError
 from tog_mjx.integration import positions_after
 from tog_mjx.state import on_mjx
+from tog_mjx.user_code import call
 
 Cost = Callable[[mjx.Data], Array]
 _STATE_SIZES = {"ctrl": "nu", "qpos": "nv", "qvel": "nv"}
@@ -133,13 +134,32 @@ class SceneFunction:
                 return model.tree_replace({name: value + change.reshape(value.shape)}), data
 
     def observe(self, model: mjx.Model, data: mjx.Data) -> Float[Array, " m"]:
-        """y of the last state."""
+        """y of the last state.
+
+        Raises:
+          InputError: for a cost that fails, or whose value is no number.
+        """
         posed = mjx.com_pos(model, mjx.kinematics(model, data))
         if not isinstance(self.output, str):
-            return jnp.reshape(self.output(posed), (1,))
+            return _number(self.outputs[0], self.output, posed)
         name = _name(self.output)
         every = getattr(data, name) if name in ("qpos", "qvel") else posed.site_xpos[site_id(self.model, name)]
         return every[_entries(self.output, self._output_shape)]
+
+
+def _number(name: str, cost: Cost, data: mjx.Data) -> Float[Array, "1"]:
+    value = call(f"the cost {name} fails", cost, data)
+    try:
+        number = jnp.asarray(value) if value is not None else None
+    except (TypeError, ValueError):
+        number = None
+    if number is None:
+        raise InputError(f"the cost {name} returns a {type(value).__name__}; give one number")
+    if jnp.iscomplexobj(number):
+        raise InputError(f"the cost {name} returns a complex number; give a real one")
+    if number.size != 1:
+        raise InputError(f"the cost {name} returns an array of shape {list(number.shape)}; give one number")
+    return jnp.reshape(number, (1,)).astype(float)
 
 
 def _name(text: str) -> str:
@@ -210,6 +230,11 @@ def _float_fields() -> set[str]:
     return options | {name for name, kind in mjx.Model.__annotations__.items() if kind is jax.Array}
 
 
+def default_wrt(model: mujoco.MjModel) -> str:
+    """The variables unless told otherwise: the controls, where there are any."""
+    return "ctrl" if model.nu else "qvel"
+
+
 def site_id(model: mujoco.MjModel, name: str) -> int:
     """The number of a site.
 
@@ -236,10 +261,7 @@ def load_cost(name: str) -> Cost:
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)
-    try:
-        found = attribute(importlib.import_module(module), function)
-    except Exception as error:  # Whatever the module does on import.
-        raise InputError(f"cost {name!r} cannot be imported: {type(error).__name__}: {error}") from None
+    found = call(f"cost {name!r} cannot be imported", lambda: attribute(importlib.import_module(module), function))
     if not callable(found):
         raise InputError(f"cost {name!r} is no function but a {type(found).__name__}")
     return found

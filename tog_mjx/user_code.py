@@ -1,0 +1,42 @@
+"""A user's own code: where it fails that is bad input, told in one line, after its own lines in which it happened."""
+
+import importlib
+import os
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jaxtyping
+import mujoco
+
+from tog_mjx import errors
+from tog_mjx.errors import InputError
+
+_OTHERS = tuple(f"{Path(str(some.__file__)).parent}{os.sep}" for some in (errors, jax, jaxtyping, mujoco, importlib))
+"""Folders of code that may stand between a user's and what failed."""
+
+
+def call(what: str, function: Callable, *args: Any) -> Any:
+    """`function(*args)`.
+
+    Raises:
+      InputError: `what`, and why, for whatever the function raises, and where it ends the program; that error is its
+        cause.
+    """
+    try:
+        return function(*args)
+    except (Exception, SystemExit) as error:
+        if isinstance(error, SystemExit):
+            why = f"it calls sys.exit({error.code!r})"
+        else:
+            why = f"{type(error).__name__}: {error}".strip().splitlines()[0]
+        raise InputError(f"{what}: {why}") from error
+
+
+def own_lines(error: BaseException | None) -> str:
+    """Where in a user's own code an error was raised, as Python prints it; empty where no user's code has a part."""
+    frames = traceback.extract_tb(error.__traceback__ if error else None)
+    users = [frame for frame in frames if not frame.filename.startswith((*_OTHERS, "<"))]
+    return "".join(traceback.format_list(users))
