@@ -1,5 +1,6 @@
 """tog_mjx: exact against stochastic gradients through contact, on MuJoCo MJX."""
 
+from tog_mjx import _mujoco as _mujoco  # First of all: what follows imports MuJoCo.
 from tog_mjx.checks.function import check as check
 from tog_mjx.checks.scene import check_scene as check_scene
 from tog_mjx.errors import InputError as InputError

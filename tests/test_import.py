@@ -1,0 +1,52 @@
+"""What importing the package takes, each time in a process of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPTS = Path(__file__).parent.parent / "scripts"
+SCENE = Path(__file__).parent / "scenes" / "box.xml"
+
+
+def run(*arguments, **environment: str) -> subprocess.CompletedProcess:
+    command = [sys.executable, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, env=os.environ | environment)
+
+
+def test_the_library_alone_needs_nothing_that_draws_or_prints():
+    """None of it can be imported here, and a step is differentiated all the same: dqvel/dqvel of one damped slide."""
+    program = """
+import sys
+others = ("matplotlib", "rich", "PIL", "jinja2", "pandas", "evosax")
+sys.modules.update(dict.fromkeys(others))  # Their import fails.
+import jax, mujoco, tog_mjx as tog
+from mujoco import mjx
+xml = '<mujoco><option timestep="0.1"/><worldbody><body><joint type="slide" damping="2"/>'
+model = mjx.put_model(mujoco.MjModel.from_xml_string(xml + '<geom size="1" mass="1"/></body></worldbody></mujoco>'))
+data = mjx.make_data(model)
+print(jax.jit(jax.jacfwd(lambda v: tog.step(model, data.replace(qvel=v)).qvel))(data.qvel).item())
+"""
+    found = run("-c", program)
+    assert found.returncode == 0, found.stderr
+    assert float(found.stdout.splitlines()[-1]) == pytest.approx(1 / (1 + 0.1 * 2), rel=1e-6)
+
+
+def test_an_opengl_that_does_not_work_is_told_in_one_line_and_done_without(tmp_path):
+    gif = tmp_path / "a.gif"
+    arguments = (SCRIPTS / "view_scene.py", SCENE, "--gif", gif, "--duration", 0.1, "--size", 64, 48)
+    found = run(*arguments, MUJOCO_GL="nonsense")
+    assert found.returncode == 0, found.stderr
+    (line,) = found.stderr.splitlines()
+    assert "MUJOCO_GL=nonsense does not work here" in line
+    assert "choose egl, osmesa, glfw or disable" in line
+    assert "drawn from the side without OpenGL (nonsense: " in found.stdout
+    assert gif.is_file()
+
+
+def test_the_wish_for_opengl_is_left_as_it_is():
+    program = "import os, tog_mjx, mujoco; print(os.environ['MUJOCO_GL'], hasattr(mujoco, 'GLContext'))"
+    for wish, is_there in (("nonsense", False), ("glfw", True)):
+        assert run("-W", "ignore", "-c", program, MUJOCO_GL=wish).stdout.splitlines()[-1] == f"{wish} {is_there}"
