@@ -15,13 +15,16 @@ from tog_mjx.tasks import get_task
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[browser]'")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+PATIENCE = 600_000
+"""Milliseconds after which a browser that hangs fails its test."""
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium: apt-get install chromium")
 
 
 @pytest.fixture(scope="module")
 def chromium():
     with sync_api.sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox", "--disable-gpu"])
+        options = ["--no-sandbox", "--disable-gpu"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options, timeout=PATIENCE)
         yield browser
         browser.close()
 
@@ -49,8 +52,11 @@ def content(tmp_path_factory):
 
 @pytest.fixture
 def page(chromium, content):
-    """Opened, with all that it said and asked for in `said` and `asked`."""
+    """Opened, with all that it said and asked for in `said` and `asked`. Its time stands still until a test lets it run."""
     page = chromium.new_page(viewport={"width": 1100, "height": 900})
+    page.set_default_timeout(PATIENCE)
+    page.clock.install(time=0)
+    page.clock.pause_at(1000)
     page.said, page.asked = [], []
     page.on("console", lambda message: page.said.append(message.text))
     page.on("pageerror", lambda error: page.said.append(str(error)))
@@ -73,19 +79,22 @@ def frame(page) -> int:
     return int(page.locator("#time").input_value())
 
 
-def until(page, condition) -> None:
-    """Waits, for ten seconds at most. The page forbids the evaluation of strings, by which playwright would wait."""
-    for _ in range(500):
-        if condition():
-            return
-        page.wait_for_timeout(20)
-    raise AssertionError("it did not come about within ten seconds")
+def told(page) -> tuple[float, float, float, float]:
+    """Time, x, z and the angle in degrees of the status line."""
+    found = re.search(r"At (.*) s the box is at x = (.*) m, z = (.*) m, turned by (.*) degrees", said(page))
+    assert found
+    return tuple(map(float, found.groups()))
+
+
+def said(page) -> str:
+    return page.locator("#said").inner_text()
 
 
 def test_it_loads_from_disk_without_a_word_and_without_the_network(page, content):
     page.locator("#landscape").click(position={"x": 100, "y": 100})
     page.locator("#play").click()
-    page.wait_for_timeout(200)
+    page.clock.run_for(200)
+    assert frame(page) > 0
     assert page.said == []
     assert {address.split(":")[0] for address in page.asked} <= {"file", "data"}
     assert [address for address in page.asked if address.startswith("file")] == [content[0].as_uri()]
@@ -101,27 +110,39 @@ def test_a_click_on_the_landscape_shows_the_motion_simulated_there(page, content
     motion = 24 * GRID + 8
     np.testing.assert_allclose(shown(page), poses[motion, -1, :3], atol=QUANTUM)
     assert np.abs(np.subtract(shown(page), before)).max() > 0.05
-    said = page.locator("#said").inner_text()
     x, z = one["setpoints"][motion]
-    assert f"setpoint ({x:.3f}, {z:.3f}) m: J = {one['costs'][motion]:.4f}" in said
+    assert f"setpoint ({x:.3f}, {z:.3f}) m: J = {one['costs'][motion]:.4f}" in said(page)
 
 
-def test_play_advances_and_pause_holds(page, content):
-    _, (one, _), _ = content
+def test_play_advances_with_its_status_line_and_pause_holds(page, content):
+    _, (one, _), (poses, _) = content
+    first = one["paths"]["exact"]["first"] + 1  # The best iterate is shown at first.
     start = shown(page)
     page.locator("#speed").select_option("0.1")
     page.locator("#play").click()
-    until(page, lambda: frame(page) > 5)
+    page.clock.run_for(1000)
+    assert page.locator("#play").inner_text() == "Pause"
+    seconds = float(page.locator("#time").get_attribute("aria-valuetext").split()[0])
+    assert 0.09 <= seconds <= 0.1  # A tenth of real time; the first frame starts the clock.
+    assert frame(page) == np.searchsorted(one["seconds"], seconds, "right") - 1
+    x, z, theta = (np.interp(seconds, one["seconds"], poses[first, :, i]) for i in range(3))
+    np.testing.assert_allclose(shown(page), [x, z, theta], atol=5e-3)  # Of half a millisecond, and the poses' rounding.
+    assert (np.abs(np.subtract(told(page), [seconds, x, z, np.degrees(theta)])) < [0.006, 0.01, 0.01, 1]).all()
+    assert page.locator("#said").get_attribute("aria-live") == "off"  # Else a screen reader would never end.
+
     page.locator("#play").click()
     assert page.locator("#play").inner_text() == "Play"
-    held = shown(page)
-    assert held != start
-    page.wait_for_timeout(150)
-    assert shown(page) == held
+    assert page.locator("#said").get_attribute("aria-live") == "polite"
+    held = shown(page), told(page)
+    assert held[0] != start
+    page.clock.run_for(1000)
+    assert (shown(page), told(page)) == held
     page.locator("#speed").select_option("1")
     page.locator("#play").click()
-    until(page, lambda: frame(page) == len(one["seconds"]) - 1)
-    until(page, lambda: page.locator("#play").inner_text() == "Play")
+    page.clock.run_for(1000)
+    assert frame(page) == len(one["seconds"]) - 1
+    assert page.locator("#play").inner_text() == "Play"
+    assert told(page)[0] == pytest.approx(one["seconds"][-1], abs=0.006)
 
 
 def test_the_keyboard_scrubs_picks_and_plays(page, content):
@@ -142,7 +163,7 @@ def test_the_keyboard_scrubs_picks_and_plays(page, content):
     np.testing.assert_allclose(shown(page), poses[31 * GRID + 17, -1, :3], atol=QUANTUM)
     page.locator("#play").focus()
     page.keyboard.press("Space")
-    until(page, lambda: page.locator("#play").inner_text() == "Pause")
+    assert page.locator("#play").inner_text() == "Pause"
 
 
 def test_an_iterate_of_a_descent_and_another_scenario(page, content):
@@ -156,10 +177,9 @@ def test_an_iterate_of_a_descent_and_another_scenario(page, content):
     page.keyboard.press("End")
     first = two["paths"]["stochastic"]["first"]
     np.testing.assert_allclose(shown(page), poses[first + 1, -1, :3], atol=QUANTUM)
-    said = page.locator("#said").inner_text()
     assert (
         f"grasp on penalty, setpoint (-0.075, 2.200, 0.075, 0.375) m: J = {two['costs'][first + 1]:.4f}, outside"
-        in said
+        in said(page)
     )
     mark, stage = page.locator("#motion .setpoint").first.bounding_box(), page.locator("#motion").bounding_box()
     assert stage["y"] < mark["y"] < stage["y"] + stage["height"]
@@ -170,6 +190,7 @@ def test_an_iterate_of_a_descent_and_another_scenario(page, content):
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_phone_needs_no_sideways_scrolling_and_the_night_is_dark(chromium, content, scheme):
     page = chromium.new_page(viewport={"width": 360, "height": 740}, color_scheme=scheme)
+    page.set_default_timeout(PATIENCE)
     page.goto(content[0].as_uri())
     page.wait_for_selector("body[data-ready='0']")
     assert page.evaluate("document.documentElement.scrollWidth") <= 360

@@ -128,6 +128,7 @@
     state.fingers.forEach((finger, f) =>
       finger.setAttribute("transform", `translate(${pose[3 + 2 * f]} ${pose[4 + 2 * f]})`));
     time.setAttribute("aria-valuetext", `${state.seconds.toFixed(3)} seconds`);
+    say();
   }
 
   function say() {
@@ -144,7 +145,6 @@
   function show(motion) {
     state.motion = motion;
     drawMotion();
-    say();
   }
 
   // Points of the window are the first motions, x first.
@@ -201,6 +201,7 @@
     state.playing = playing;
     state.last = null;
     play.textContent = playing ? "Pause" : "Play";
+    said.setAttribute("aria-live", playing ? "off" : "polite");  // Nobody is read sixty sentences a second.
     if (playing) {
       if (state.seconds >= end()) setTime(0);
       requestAnimationFrame(advance);
@@ -241,7 +242,6 @@
     if (state.playing) setPlaying(false);
     state.seconds = state.scenario.seconds[time.value];
     drawPose();
-    say();
   });
 
   select.replaceChildren(...scenarios.map((scenario, i) => new Option(`${scenario.task} on ${scenario.simulator}`, i)));
