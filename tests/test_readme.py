@@ -7,6 +7,8 @@ import numpy as np
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
+SMALL = {"errors.py", "types.py", "safe.py", "console.py", "published.py"}
+"""What the layout leaves out."""
 
 
 def fenced(language: str) -> list[str]:
@@ -23,13 +25,12 @@ def test_the_python_example_runs_and_both_codes_agree():
     np.testing.assert_allclose(mjx, penalty, rtol=1e-3, atol=1e-9)
 
 
-def test_the_layout_names_every_file():
-    layout = README[README.index("## Layout") :]
-    for path in (ROOT / "tog_mjx").glob("[a-z]*.py"):
-        if path.name not in ("errors.py", "types.py", "safe.py", "console.py", "published.py"):
-            assert path.name in layout, path.name
-    for name in re.findall(r"^  (\w+\.py)", layout, re.MULTILINE):
-        assert (ROOT / "tog_mjx" / name).is_file(), name
+def test_the_layout_names_every_file_and_no_other():
+    scripts, package = re.findall(r"^scripts/ (.*?)^tog_mjx/\n(.*?)^tests/", README, re.MULTILINE | re.DOTALL)[0]
+    assert set(re.findall(r"\w+\.py", scripts)) == {path.name for path in (ROOT / "scripts").glob("*.py")}
+    files = {path.name for path in (ROOT / "tog_mjx").glob("[a-z]*.py")}
+    folders = {f"{path.parent.name}/" for path in (ROOT / "tog_mjx").glob("*/*.py")}
+    assert set(re.findall(r"^  (\S+)", package, re.MULTILINE)) == (files | folders) - SMALL
 
 
 def test_the_results_table_is_that_of_the_published_runs():

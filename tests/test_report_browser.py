@@ -52,7 +52,7 @@ def content(tmp_path_factory):
 
 @pytest.fixture
 def page(chromium, content):
-    """Opened, with all that it said and asked for in `said` and `asked`. Its time stands still until a test lets it run."""
+    """Opened, with all that it said and asked for in `said` and `asked`. Its time runs only where a test lets it."""
     page = chromium.new_page(viewport={"width": 1100, "height": 900})
     page.set_default_timeout(PATIENCE)
     page.clock.install(time=0)
