@@ -55,9 +55,12 @@ def test_each_model_is_a_row_and_is_checked_once(models, tmp_path, run_script):
 
 def test_what_ends_badly_is_a_row_too(models, tmp_path, monkeypatch):
     file = models / "robots" / "refused.xml"
+    checks = alone._PROGRAM
+    monkeypatch.setattr(alone, "_PROGRAM", ("-c", "import time; time.sleep(1e6)"))
     late = alone.finish_file(file, tmp_path, limit=1e-6)
     assert (late["verdict"], late["nq"]) == (alone.OUT_OF_TIME, None)
     assert alone.finish_file(file, tmp_path, limit=1e-6) == late
+    monkeypatch.setattr(alone, "_PROGRAM", checks)
     assert alone.finish_file(file, tmp_path)["verdict"] == "do not trust"
     for program, sentence in (("import os; os.abort()", "ended by SIGABRT"), ("1/0", "ZeroDivisionError: ")):
         monkeypatch.setattr(alone, "_PROGRAM", ("-c", program))
