@@ -4,11 +4,9 @@ import contextlib
 import dataclasses
 import itertools
 import math
-import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +18,7 @@ from tog_mjx.comparison import compute as compute_run
 from tog_mjx.figures.profiles import draw_profiles
 from tog_mjx.landscape import grid as window_grid
 from tog_mjx.rollout import objective
+from tog_mjx.storage import load_result
 from tog_mjx.studies import catalogue
 from tog_mjx.studies.catalogue import candidates, chosen
 from tog_mjx.studies.cell import Cell, compute, updates_within
@@ -110,7 +109,7 @@ def test_on_mjx_run_the_methods_that_are_said_to(study):
     methods = {"fair_budget": catalogue.ON_MJX, "dimension": ("solve",)}.get(study, catalogue.FEW_ON_MJX)
     assert found == set(itertools.product(tasks, methods))
     assert {len(cell.seeds) for cell in cells} == {20 if study == "fair_budget" else 8}
-    assert not [cell for cell in getattr(catalogue, study)(True, known) if cell.simulator == "mjx"]
+    assert {cell.simulator for cell in getattr(catalogue, study)(True, known)} == {"penalty"}
 
 
 def test_setpoint_errors_are_tried_on_the_best():
@@ -214,7 +213,11 @@ def test_quick_seeds_show_what_the_paper_says(run_script, tmp_path):
     assert summary.success["flip", "penalty", "exact, plain"] == 0  # 0.150 after Table I's five iterations.
     table = pd.read_csv(tmp_path / "seeds_quick" / "table.csv")
     assert len(table) == 4 * (1 + 8)
-    assert (table.best <= table["first"]).all()
+    kept = {path.name.rpartition("_")[0]: load_result(path)[0] for path in (tmp_path / "cells").glob("*.npz")}
+    assert len(kept) == 8
+    grasp = table[(table.task == "grasp") & (table.simulator == "penalty") & (table.method == "stochastic, plain")]
+    costs = kept["grasp_penalty_stochastic-plain"]["costs"]
+    np.testing.assert_array_equal(grasp[["first", "best", "last"]].T, [costs[:, 0], costs.min(axis=1), costs[:, -1]])
 
 
 def test_a_profile_rises_where_runs_succeeded():
@@ -226,25 +229,43 @@ def test_a_profile_rises_where_runs_succeeded():
     assert np.array(flat.get_data())[1].tolist() == [0, 0]
 
 
-def test_a_killed_study_continues_to_the_same_table(tmp_path):
-    def start(out: str) -> subprocess.Popen:
-        command = [sys.executable, str(SCRIPT), "seeds", "--quick", "--resume", "--out", str(tmp_path / out)]
-        return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.STDOUT)
+KILLED = """
+import os, runpy, signal, sys
+from tog_mjx.studies import study
 
-    assert start("whole").wait() == 0
+script, cells, *arguments = sys.argv[1:]
+save = study.save_result
+
+def save_or_die(path, *content):
+    if len(list(path.parent.glob("[!.]*.npz"))) == int(cells):
+        os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+    save(path, *content)
+
+study.save_result = save_or_die
+sys.argv = [script, *arguments]
+runpy.run_path(script, run_name="__main__")
+"""
+"""A script of the project, killed while it writes the cell that comes after so many."""
+
+
+def test_a_killed_study_continues_to_the_same_table(tmp_path):
+    def run(out: str, *program: str) -> int:
+        command = [sys.executable, *program, "seeds", "--quick", "--resume", "--out", str(tmp_path / out)]
+        return subprocess.run(command, stdout=subprocess.DEVNULL).returncode
+
+    assert run("whole", str(SCRIPT)) == 0
     table = (tmp_path / "whole" / "seeds_quick" / "table.csv").read_bytes()
-    moments = np.random.default_rng(5)
-    for cells in sorted(moments.choice(np.arange(1, 7), 3, replace=False)):
-        program = start("killed")
-        while len(list((tmp_path / "killed" / "cells").glob("*.npz"))) < cells and program.poll() is None:
-            time.sleep(0.02)
-        time.sleep(moments.uniform(0, 0.3))
-        assert program.poll() is None, "it ended before it was killed"
-        os.kill(program.pid, signal.SIGKILL)
-        program.wait()
+    cells = tmp_path / "killed" / "cells"
+    made: dict[Path, int] = {}
+    for number in (2, 6):
+        assert run("killed", "-c", KILLED, str(SCRIPT), str(number)) == -signal.SIGKILL
+        assert list(cells.glob(".*.partial"))
+        made |= {path: path.stat().st_mtime_ns for path in cells.glob("[!.]*.npz") if path not in made}
+        assert len(made) == number
         assert not (tmp_path / "killed" / "seeds_quick").exists()
-    assert start("killed").wait() == 0
+    assert run("killed", str(SCRIPT)) == 0
     assert (tmp_path / "killed" / "seeds_quick" / "table.csv").read_bytes() == table
+    assert {path: path.stat().st_mtime_ns for path in made} == made
 
 
 @pytest.mark.parametrize(
