@@ -19,9 +19,8 @@ def _import_mujoco() -> None:
             mujoco = importlib.import_module("mujoco")
         finally:
             os.environ["MUJOCO_GL"] = wish
-        for name, module in list(
-            sys.modules.items()
-        ):  # Those of the first attempt know nothing of the second's package.
+        # What the first attempt has loaded is no part of the second one's package by itself.
+        for name, module in list(sys.modules.items()):
             if name.rpartition(".")[0] == "mujoco":
                 setattr(mujoco, name.removeprefix("mujoco."), module)
         reason = str(error).strip().splitlines()[0]

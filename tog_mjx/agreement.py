@@ -60,7 +60,7 @@ class Piece:
 
     def settings(self) -> dict[str, Any]:
         task = get_task(self.task)
-        return {**dataclasses.asdict(self), "scene": scene_digest(task), "program": program_digest()}
+        return {**dataclasses.asdict(self), "scene": scene_digest(task), "program": program_digest(__name__)}
 
 
 class Gradients(NamedTuple):

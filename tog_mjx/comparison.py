@@ -57,7 +57,7 @@ class Run:
             **self.rule._asdict(),
             "horizon": task.horizon,
             "scene": scene_digest(task),
-            "program": program_digest(),
+            "program": program_digest(__name__),
             "precision": "float32" if self.simulator == "released" else "float64",
         }
 

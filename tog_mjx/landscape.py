@@ -87,5 +87,5 @@ def _settings(task: Task, simulator: str, what: str) -> dict[str, Any]:
         "window": task.window,
         "horizon": task.horizon,
         "scene": scene_digest(task),
-        "program": program_digest(),
+        "program": program_digest(__name__),
     }

@@ -110,7 +110,7 @@ def _digest(path: Path, steps: int, quick: bool) -> str:
         files = {Path(file) for file in mujoco.mju_getXMLDependencies(str(path))} | {path}
     except (ValueError, RuntimeError, mujoco.FatalError):  # Of what is no MJCF.
         files = {path}
-    digest = hashlib.sha256(f"{program_digest()} {steps} {quick}".encode())
+    digest = hashlib.sha256(f"{program_digest(__name__)} {steps} {quick}".encode())
     for file in sorted(files):
         digest.update(file.read_bytes() if file.is_file() else b"")
     return digest.hexdigest()[:12]

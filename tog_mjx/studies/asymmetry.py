@@ -111,7 +111,7 @@ class Asymmetry:
         updates = int(BUDGET["grasp"] / charge) - 1
         rules = {"plain": ("exact, plain", task.exact.step_size, UPDATES)}
         rules["solve"] = ("solve", step_size(task, updates + 1), updates)
-        settings = {"guesses": guesses.tolist(), "rules": rules, **made_with(task)}
+        settings = {"guesses": guesses.tolist(), "rules": rules, **made_with(task, __name__)}
         tables = []
         with precision("penalty"):
             J = objective(task, "penalty")

@@ -80,7 +80,7 @@ class Cell:
 
     def settings(self) -> dict[str, Any]:
         """All that the result depends on."""
-        return {**dataclasses.asdict(self), **made_with(get_task(self.task))}
+        return {**dataclasses.asdict(self), **made_with(get_task(self.task), __name__)}
 
 
 def updates_within(budget: int | float, cell: Cell) -> Cell:

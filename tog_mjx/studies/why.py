@@ -136,7 +136,7 @@ class Why:
         tables = []
         number, pairs = (5, 256) if quick else (25, 2048)
         for name in TASKS:
-            sigmas, program = (NEAR, get_task(name).stochastic.sigma), made_with(get_task(name))
+            sigmas, program = (NEAR, get_task(name).stochastic.sigma), made_with(get_task(name), __name__)
             with piece(f"{name} penalty, descents", 1) as report:
                 made = store.finish_part(f"why_{name}_descents", program, functools.partial(descents, name))
                 chosen = {of: _spread(len(some), number) for of, some in made.items()}

@@ -1,0 +1,99 @@
+"""A kept result depends on the code that computes it, on the libraries that this uses, and on nothing else."""
+
+import importlib.metadata
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import tog_mjx
+from tog_mjx.comparison import Run
+from tog_mjx.digests import COMPUTES, modules_behind, program_digest
+
+PACKAGE = Path(tog_mjx.__file__).parent
+MAKERS = ("comparison", "landscape", "agreement", "studies.cell", "studies.why", "studies.asymmetry", "checks.alone")
+"""Modules that keep results."""
+
+
+def digests(package: Path = PACKAGE) -> dict[str, str]:
+    return {maker: program_digest.__wrapped__(f"tog_mjx.{maker}", package) for maker in MAKERS}
+
+
+def edited(folder: Path, edit: Callable[[str], str], chosen: str = "") -> Path:
+    """The package with one of its files edited, or all of them; the others are links."""
+    for file in PACKAGE.rglob("*.py"):
+        new = folder / "any_name" / file.relative_to(PACKAGE)
+        new.parent.mkdir(parents=True, exist_ok=True)
+        if chosen in ("", file.relative_to(PACKAGE).as_posix()):
+            text = file.read_text()
+            assert edit(text) != text
+            new.write_text(edit(text))
+        else:
+            new.symlink_to(file)
+    return folder / "any_name"
+
+
+def test_text_in_the_code_does_not_count(tmp_path):
+    """Comments, docstrings and blank lines, in every file."""
+
+    def explain(text: str) -> str:
+        text = re.sub(r'^( *)"""(?=[A-Z])', r'\1"""Indeed: ', text, flags=re.MULTILINE)
+        return text.replace("\ndef ", "\n\n# To explain:\ndef ") + "\n# The end.\n"
+
+    assert digests(edited(tmp_path, explain)) == digests()
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "changed"),
+    [
+        ("implicit.py", "/ 2", "/ 3", MAKERS),
+        ("simulators/penalty.py", "dt", "delta", set(MAKERS) - {"checks.alone"}),
+        ("descent.py", "tolerance", "limit", {"comparison", "studies.cell", "studies.why", "studies.asymmetry"}),
+        ("gradients/mixed.py", "key", "keys", {"studies.cell", "studies.why", "studies.asymmetry"}),
+        ("checks/zeros.py", "slopes", "inclines", {"checks.alone"}),
+        ("studies/study.py", "quick", "fast", {"studies.why", "studies.asymmetry"}),
+        ("figures/why.py", "axes", "frame", set()),
+        ("__init__.py", "Task as Task", "Task as Work", set()),
+    ],
+)
+def test_code_counts_where_it_has_a_part(tmp_path, file, old, new, changed):
+    before, after = digests(), digests(edited(tmp_path, lambda text: text.replace(old, new), file))
+    assert {maker for maker in MAKERS if after[maker] != before[maker]} == set(changed)
+
+
+@pytest.mark.parametrize(
+    ("library", "changed"),
+    [
+        ("jaxlib", MAKERS),
+        ("mujoco-mjx", MAKERS),
+        ("optax", {"comparison", "studies.cell", "studies.why", "studies.asymmetry"}),
+        ("evosax", {"studies.cell", "studies.why", "studies.asymmetry"}),
+        ("scipy", {"studies.why", "studies.asymmetry"}),
+        ("matplotlib", set()),
+    ],
+)
+def test_a_library_counts_where_it_is_used(monkeypatch, library, changed):
+    before, version = digests(), importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "9.9" if name == library else version(name))
+    after = digests()
+    assert {maker for maker in MAKERS if after[maker] != before[maker]} == set(changed)
+
+
+def test_every_library_is_known_to_compute_or_not_to():
+    files = [file.relative_to(PACKAGE).with_suffix("") for file in PACKAGE.rglob("*.py")]
+    used = set[str]().union(*(modules_behind(f"tog_mjx.{'.'.join(file.parts)}") for file in files))
+    used = {name for name in used if not name.startswith("tog_mjx")}
+    others = {"jaxtyping", "pandas", "matplotlib", "rich", "jinja2", "PIL", "imageio_ffmpeg"}
+    assert {name for name in used if name not in COMPUTES} - others <= sys.stdlib_module_names
+
+
+def test_a_descent_made_with_another_optax_is_another(monkeypatch):
+    run, version = Run("penalty", "flip", "exact"), importlib.metadata.version
+    before = run.settings()
+    program_digest.cache_clear()
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "9.9" if name == "optax" else version(name))
+    after = run.settings()
+    program_digest.cache_clear()
+    assert {name for name in before if before[name] != after[name]} == {"program"}
