@@ -113,8 +113,8 @@ def _checks(
     differences = sweep(simulation.values, np.zeros(n), simulation.directions)
     unreached = lambda: untouched(simulation, motion)  # noqa: E731
     yield "zeros", lambda: zeros(motion.slopes, differences, names, scene.outputs, scene.bodies, unreached)
+    yield "growth", lambda: growth(simulation, motion)  # Before what it is the cause of.
     yield "agreement", lambda: agreement(motion.slopes, differences)
-    yield "growth", lambda: growth(simulation, motion)
     yield "time step", lambda: time_step(simulation, motion)
     yield "contacts", lambda: contacts(simulation, motion)
     yield "stiffness", lambda: stiffness(simulation, motion)
