@@ -26,9 +26,11 @@ GALLERY = Path(__file__).parent / "scenes" / "verdicts"
         ((0.2, 0.11, 0.05, 0.02), Level.CARE, "settles at dt/4, 0.0025 s"),
         ((0.3, 0.2, 0.05, 0.02), Level.FAULT, "not of the physics"),  # 0.9 in all, as a geometric series.
         ((0.6, 0.05, 0.02), Level.FAULT, "settles at dt/2, 0.005 s"),
-        ((1.4, 0.09, 0.25, 0.1), Level.FAULT, "does not settle"),  # The second is small by chance.
+        ((1.4, 0.09, 0.25, 0.2), Level.FAULT, "does not settle"),  # The second is small by chance.
         ((0.02, 0.3, 0.1, 0.05), Level.FAULT, "settles at dt/4, 0.0025 s"),
         ((0.2, 0.12, 0.11, 0.11), Level.FAULT, "does not settle"),
+        ((0.94, 0.93, 0.34, 0.04), Level.FAULT, "may settle at dt/8, 0.00125 s"),
+        ((0.2, 0.12, 0.11, 0.1), Level.FAULT, "may settle at dt/8, 0.00125 s"),
         ((0.02, np.nan), Level.FAULT, "dt/4 the gradient is not finite"),
     ],
 )

@@ -66,11 +66,12 @@ def judge_time_step(changes: Sequence[float], dt: float, steps: int, curves: dic
         number = int(np.isfinite(changes).argmin()) + 1
         sentence = f"with the time step dt/{2**number} the gradient is not finite, so that it has no limit"
         return say(Level.FAULT, sentence, "check the scene with that time step: 'finite' names the first bad step")
-    is_settled, finer = max(changes[-2:]) <= STEADY, 2 ** (len(changes) - 2)
-    if is_settled and finer == 1:
+    is_settled, may_settle = max(changes[-2:]) <= STEADY, changes[-1] <= STEADY
+    if is_settled and len(changes) == 2:
         return say(Level.FINE, f"the gradient changes by {told}")
-    if is_settled:
-        told += f"; it settles at dt/{finer}, {dt / finer:.4g} s"
+    if may_settle:
+        finer = 2 ** (len(changes) - 1 - is_settled)
+        told += f"; it {'settles' if is_settled else 'may settle'} at dt/{finer}, {dt / finer:.4g} s"
         remedy = f"set <option timestep='{dt / finer:.4g}'> and take {steps * finer} steps, or soften the contact"
     else:
         told += ", and does not settle"
