@@ -56,16 +56,16 @@ CUBE = """<mujoco>
 </mujoco>"""
 
 
-def judged(model: mujoco.MjModel, start: mujoco.MjData, steps: int, wrt: str, site: str, most: int) -> Finding:
+def judged(model: mujoco.MjModel, start: mujoco.MjData, steps: int, wrt: str, site: str) -> Finding:
     scene = SceneFunction(model, start, steps, wrt, site)
     simulation = Simulation(scene, np.eye(scene.size), states=False)
-    return time_step(simulation, simulation.run(), most)
+    return time_step(simulation, simulation.run())
 
 
 def test_a_tossed_hard_cube_is_not_trusted():
     """It tumbles on its corners. Halving the time step changes the gradient by 12 %, and halving it again by all."""
     model = mujoco.MjModel.from_xml_string(CUBE)
-    found = judged(model, keyframe_start(model), 120, "qvel", "middle", 4)
+    found = judged(model, keyframe_start(model), 120, "qvel", "middle")
     assert (found.level, "does not settle" in found.sentence) == (Level.FAULT, True), found.sentence
     assert found.value == pytest.approx(0.119, abs=0.002)
     assert len(found.curves["gradient norm"]) == 5
@@ -77,7 +77,7 @@ def test_a_long_double_pendulum_is_not_trusted():
     model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_EULER, 0.002
     start = mujoco.MjData(model)
     start.qpos[:] = 1.0, 0.5
-    found = judged(model, start, 3000, "qpos", "watched", 2)
+    found = judged(model, start, 3000, "qpos", "watched")
     assert found.level == Level.FAULT
     assert "changes by 46.2% from dt to dt/2, 35.4% to dt/4, and does not settle" in found.sentence
 

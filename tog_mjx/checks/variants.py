@@ -18,8 +18,9 @@ length, which no descent feels."""
 LOST = 0.5
 """A gradient farther from its limit than this, of its own size, has more to do with the time step than with the
 physics: what is gained by it on this motion may be lost on any other of the same scene."""
-HALVINGS = 4
-"""At most. The last motion has 16 times the steps, and all of them together take 30 times as long as the first."""
+HALVINGS, LONGEST = 4, 20_000
+"""Halvings at most, and steps of a motion after the second one: all together take 30 times as long as the first motion,
+and a verdict is to take minutes. Two halvings judge; more only look for the time step that settles."""
 DIRECTION = 0.5
 """Cosine of gradients. Within 60 degrees a step along one is downhill for the other, with half of the gain or more."""
 TENFOLD = 0.9
@@ -35,10 +36,11 @@ GRAVE = 0.05
 point, and more iterations cost little."""
 
 
-def time_step(simulation: Simulation, motion: Motion, most: int = HALVINGS) -> Finding:
+def time_step(simulation: Simulation, motion: Motion) -> Finding:
     """Does the gradient converge as the time step is halved, at the same horizon? If not: until it settles."""
     found: list[np.ndarray] = [motion.slopes]
     changes: list[float] = []
+    most = max(2, min(HALVINGS, int(np.log2(LONGEST / simulation.scene.steps))))
     while len(changes) < 2 or (len(changes) < most and np.max(changes[-2:]) > STEADY):
         factor = 2 ** len(found)
         finer = simulation.model.tree_replace({"opt.timestep": simulation.model.opt.timestep / factor})
