@@ -1,8 +1,8 @@
 """Studies beyond the paper: which gradient, which update rule, from where, with statistics.
 
 Every finished cell is kept, so that a killed study continues with --resume. Leaves, in a folder named after each study,
-table.csv (one row a run, or a point of one), summary.csv (one row a group, with 95 % Wilson intervals of success) and,
-of a study that has one, its figure.
+table.csv (one row a run, or a point of one), summary.csv (one row a group, with 95 % Wilson intervals of success where
+its runs are a random sample) and, of a study that has one, its figure.
 """
 
 import io

@@ -21,9 +21,9 @@ from tog_mjx.rollout import objective
 from tog_mjx.storage import load_result
 from tog_mjx.studies import catalogue
 from tog_mjx.studies.catalogue import candidates, chosen
-from tog_mjx.studies.cell import Cell, compute, updates_within
+from tog_mjx.studies.cell import Cell, Found, compute, updates_within
 from tog_mjx.studies.methods import METHODS
-from tog_mjx.studies.study import Comparison, Store
+from tog_mjx.studies.study import Comparison, Store, rows
 from tog_mjx.tasks import get_task
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "run_study.py"
@@ -131,15 +131,42 @@ def test_tuning_takes_most_successes_then_the_least_cost():
 
 
 def test_a_summary_counts_with_wilson_intervals(tmp_path):
-    cell = Cell("flip", "penalty", "exact, plain", 25, tuple(range(8)), steps=(0.02,))
+    cell = Cell("flip", "penalty", "exact, plain", 12, tuple(range(8)), noises=(0.1,), steps=(0.1,))
     study = Comparison("?", (lambda quick, known: [cell] * (quick or known.empty),), ("task",))
     silent = contextlib.nullcontext(lambda _: None)
     table = study.run(True, Store(tmp_path, resume=False), lambda *_: silent)
     (row,) = study.summary(table).to_dict("records")
-    assert (row["members"], row["success"], row["high"]) == (8, 1.0, 1.0)
-    z = 1.959963984540054
-    assert row["low"] == pytest.approx(8 / (8 + z**2), rel=1e-12)
-    assert row["evaluations"] == 4 * (1 + (compute(cell).costs[0] <= 0.1).argmax())
+    costs = compute(cell).costs
+    won = (costs <= 0.1).any(axis=1)
+    n, p, z = 8, won.mean(), 1.959963984540054
+    assert 0 < p < 1
+    assert (row["members"], row["success"]) == (n, p)
+    spread = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    expected = (p + z**2 / (2 * n) + np.array([-spread, spread])) / (1 + z**2 / n)
+    np.testing.assert_allclose([row["low"], row["high"]], expected, rtol=1e-12)
+    # Of the runs that succeeded alone.
+    first = (costs[won] <= 0.1).argmax(axis=1)
+    assert row["evaluations, median of successes"] == np.median(4 * (1 + first))
+
+
+@pytest.mark.parametrize(
+    ("of", "is_sample"),
+    [
+        ({"method": "exact, plain"}, False),
+        ({"method": "exact, plain", "noises": (0.0, 0.03)}, False),
+        ({"method": "exact, plain", "window": 3}, False),
+        ({"method": "exact, plain", "noises": (0.01,)}, True),
+        ({"method": "stochastic, plain", "sigmas": (0.5,)}, True),
+        ({"method": "stochastic, plain", "sigmas": (0.5,), "window": 3}, False),
+    ],
+)
+def test_only_a_random_sample_has_an_interval(of, is_sample):
+    """Not the points of a grid, nor runs that are all the same."""
+    cell = Cell(**{"task": "flip", "simulator": "penalty", "updates": 1, "seeds": (0, 1), "steps": (0.1,), **of})
+    size = len(cell.members)
+    found = Found(np.ones((size, 1)), *np.zeros((3, size, 2)), np.zeros((size, 0, 256)))
+    row = Comparison("?", (), ("task",)).summary(rows(cell, found, 0)).to_dict("records")[0]
+    assert ("low" in row, "high" in row) == (is_sample, is_sample)
 
 
 def test_a_damaged_cell_is_computed_again_and_a_whole_one_is_not(tmp_path, table_1):
@@ -222,7 +249,7 @@ def test_quick_seeds_show_what_the_paper_says(run_script, tmp_path):
 
 def test_a_profile_rises_where_runs_succeeded():
     runs = pd.DataFrame({"task": "flip", "simulator": "penalty", "method": list("aaab"), "updates": 10, "charge": 4.0})
-    runs["evaluations"] = [8.0, np.nan, 20.0, np.nan]
+    runs["evaluations to success"] = [8.0, np.nan, 20.0, np.nan]
     (axes,) = draw_profiles(runs).axes
     rising, flat = axes.get_lines()
     assert np.array(rising.get_data()).T.tolist() == [[0, 0], [8, 1 / 3], [20, 2 / 3], [40, 2 / 3]]

@@ -74,6 +74,7 @@ def test_the_flip_succeeds_from_nearly_everywhere_and_the_grasp_does_not(basins)
     assert success["flip", "solve"] > 0.95
     assert 0.3 < success["grasp", "exact, plain"] < 0.6
     assert 0.3 < success["grasp", "solve"] < 0.6
+    assert "low" not in basins[1]  # A grid is no sample.
 
 
 @pytest.mark.parametrize("name", ["flip", "grasp"])

@@ -17,7 +17,7 @@ _LINES = ("-", "--", ":")
 def draw_profiles(table: pd.DataFrame) -> Figure:
     """A panel each task on `penalty`, a line each method.
 
-    `table` has a row each run: `task`, `simulator`, `method`, and `evaluations` until success (NaN: none).
+    `table` has a row each run: `task`, `simulator`, `method`, and `evaluations to success` (NaN: none).
     """
     table = table[table.simulator == "penalty"]
     looks = dict(zip(table.method.unique(), itertools.product(_LINES, _COLORS), strict=False))
@@ -34,7 +34,7 @@ def draw_profiles(table: pd.DataFrame) -> Figure:
 def _plot(axes: Axes, runs: pd.DataFrame, looks: dict[str, tuple[str, str]]) -> None:
     end = (runs.updates * runs.charge).max()
     for method, (line, color) in looks.items():
-        spent = np.sort(runs.evaluations[runs.method == method].dropna())
+        spent = np.sort(runs["evaluations to success"][runs.method == method].dropna())
         share = np.arange(1, len(spent) + 1) / (runs.method == method).sum()
         x, y = [0, *spent, end], [0, *share, share[-1] if len(share) else 0]
         axes.step(x, y, where="post", color=color, linestyle=line, label=method, linewidth=1.3)

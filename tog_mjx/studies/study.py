@@ -107,7 +107,8 @@ class Comparison:
         return pd.concat(tables, ignore_index=True)
 
     def summary(self, table: pd.DataFrame) -> pd.DataFrame:
-        """Of the last stage: success of the best iterate with its Wilson interval (95 %), of the last one; medians."""
+        """Of the last stage: success of the best iterate, with its Wilson interval (95 %) where the runs are a random
+        sample, and of the last iterate; medians, that of the evaluations to success over the runs that succeeded."""
         last = table[table.stage == table.stage.max()]
         found = [
             {**dict(zip(self.groups, group, strict=True)), **_outcome(members)}
@@ -138,17 +139,19 @@ class TracedComparison(Comparison):
 
 
 def _outcome(members: pd.DataFrame) -> dict[str, Any]:
+    # The points of a window are a grid, and without any noise all runs are the same.
+    is_sample = (members.window == 0).all() and ((members.noise > 0) | (members.sigma > 0)).all()
     interval = binomtest(int(members.succeeded.sum()), len(members)).proportion_ci(method="wilson")
     return {
         "members": len(members),
         "updates": members.updates.max(),
         "success": members.succeeded.mean(),
-        "low": interval.low,
-        "high": interval.high,
+        "low": interval.low if is_sample else np.nan,
+        "high": interval.high if is_sample else np.nan,
         "success, last": members.succeeded_last.mean(),
         "J best": members.best.median(),
         "J last": members["last"].median(),
-        "evaluations": members.evaluations.median(),
+        "evaluations, median of successes": members["evaluations to success"].median(),
         **{name: members[name].median() for name in members.columns if name.startswith("J ") and " at " in name},
     }
 
@@ -159,7 +162,7 @@ def rows(cell: Cell, found: Found, stage: int) -> pd.DataFrame:
     good = costs <= SUCCESS[cell.task]
     evaluations = np.where(good.any(axis=1), (good.argmax(axis=1) + 1) * cell.charge, np.nan)
     table = pd.DataFrame(cell.members)
-    for name in ("task", "simulator", "method", "knots", "symmetric", "error"):
+    for name in ("task", "simulator", "method", "knots", "symmetric", "error", "window"):
         table[name] = getattr(cell, name)
     for option, value in cell.options:
         table[option] = value
@@ -173,8 +176,8 @@ def rows(cell: Cell, found: Found, stage: int) -> pd.DataFrame:
         best_at=costs.argmin(axis=1),
         succeeded=good.any(axis=1),
         succeeded_last=good[:, -1],
-        evaluations=evaluations,
     )
+    table["evaluations to success"] = evaluations
     for error, tried in zip(cell.tested, np.moveaxis(found.tried, 1, 0), strict=True):
         for quantile in (0.5, 0.9):
             table[f"J {quantile:.0%} at {1000 * error:g} mm"] = np.quantile(tried, quantile, axis=1)
