@@ -13,9 +13,9 @@ from tog_mjx.studies.asymmetry import (
     differenced_hessians,
     hessians,
     predicted_growth,
-    traces,
     worst_factor,
 )
+from tog_mjx.studies.methods import traces
 from tog_mjx.studies.study import Store
 
 # Symmetric under the exchange of the fingers; along the antisymmetric rows its Hessian is diag(1, 9) + 2.
@@ -45,7 +45,7 @@ def test_hessians_of_a_quadratic():
 @pytest.mark.parametrize("direction", [0, 1])
 def test_growth_along_a_descent_of_a_quadratic_is_as_predicted(step, direction):
     guesses = np.array([1.0, 2.0, -1.0, 2.0]) + np.array([[0.0], [1e-3]]) * ANTISYMMETRIC[direction]
-    costs, iterates = traces(valley, "exact, plain", step, guesses, 10).values()
+    costs, iterates = traces(valley, "exact, plain", step, 0.0, guesses, 10).values()
     assert costs.shape == (2, 11)
     assert iterates.shape == (2, 11, 4)
     np.testing.assert_allclose(costs[:, 0], [valley(u) for u in guesses])

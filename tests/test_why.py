@@ -1,14 +1,19 @@
 """Statistics of J about a point against closed forms, and what they say of a quadratic and of the tasks."""
 
 import contextlib
+import itertools
 
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.stats import spearmanr
 
+from tog_mjx.comparison import Run, compute
 from tog_mjx.gradients import local
+from tog_mjx.studies.predictors import RESAMPLES, STATISTICS, choose, most_predictive, rank_correlations
 from tog_mjx.studies.study import Drawn, Store
-from tog_mjx.studies.why import STATISTICS, Why, measure, most_predictive
+from tog_mjx.studies.why import Why, measure
 
 SLOPE = np.array([3.0, -4.0, 1.0])
 
@@ -96,7 +101,7 @@ def table(tmp_path_factory):
 
 def test_the_exact_gradient_wins_more_often_than_not(table):
     found = Why().summary(table).set_index(["task", "descent", "sigma"])
-    assert found.loc[("both", "all", 0.01), "iterates"] == 30
+    assert found.loc[("both", "all", 0.01), "iterates"] == 2 * 3 * 2 * 3  # Tasks, descents, guesses and iterates.
     assert found.loc[("both", "all", 0.01), "exact wins"] > 0.6
     # On a descent that follows it by short steps it is no longer the one that gains.
     assert found.loc[("grasp", "solve", 0.01), "exact wins"] < found.loc[("grasp", "exact", 0.01), "exact wins"]
@@ -105,7 +110,63 @@ def test_the_exact_gradient_wins_more_often_than_not(table):
 def test_the_figure_shows_every_row(table, tmp_path):
     study = Why()
     assert isinstance(study, Drawn)
-    assert most_predictive(table) in STATISTICS
     figure = study.draw(True, Store(tmp_path, False), table)
     drawn = sum(np.shape(points.get_offsets())[0] for axes in figure.axes for points in axes.collections)
     assert drawn == len(table)
+    # From the paper's guess, the first one, the exact rule is Table I's.
+    chosen = (table.task == "flip") & (table.descent == "exact") & (table.guess == 0) & (table.sigma == 0.01)
+    costs = compute(Run("penalty", "flip", "exact")).costs
+    assert table[chosen].iteration.tolist() == [0, 2, 5]
+    np.testing.assert_allclose(table[chosen].J, costs[[0, 2, 5]], rtol=1e-9)
+
+
+def made_up(guesses: int, seed: int) -> pd.DataFrame:
+    """Nine statistics that say nothing, of iterates of which a guess's are all nearly alike."""
+    rng, rows = np.random.default_rng(seed), []
+    for task, guess in itertools.product(("flip", "grasp"), range(guesses)):
+        shared = rng.normal(size=len(STATISTICS) + 1)
+        for _ in range(15):
+            values = shared + 0.1 * rng.normal(size=len(shared))
+            row = dict(zip([*STATISTICS, "exact wins"], values, strict=True))
+            rows.append({"task": task, "descent": "exact", "guess": guess, "sigma": 0.01, **row})
+    gains = {f"gain, {name}": 1.0 for name in ("exact", "smoothed", "zeroth", "exact, 1 mm")}
+    return pd.DataFrame(rows).assign(**gains, **{"wins": "exact", "exact wins, 1 mm": 1.0})
+
+
+def both(table: pd.DataFrame) -> pd.Series:
+    return Why().summary(table).set_index(["task", "descent"]).loc["both", "all"]
+
+
+def test_the_best_of_nine_that_say_nothing_is_not_believed():
+    """In the data that chose it, 120 iterates in all, it has a correlation that 120 independent ones have never."""
+    found = both(made_up(4, 1))
+    assert max(abs(found[f"rho {name}"]) for name in STATISTICS) > 0.5
+    assert found.low < 0 < found.high
+    assert found.chosen < 0.9
+
+
+def test_what_predicts_is_chosen_and_keeps_its_correlation_on_guesses_held_out():
+    table = made_up(10, 2)
+    rng = np.random.default_rng(3)
+    table["bias"] = -table["exact wins"] + 0.1 * rng.normal(size=len(table))
+    found = both(table)
+    assert found.predictor == "bias"
+    assert found.chosen > 0.9
+    assert found["rho bias"] < -0.95
+    assert found["held out"] == pytest.approx(-found["rho bias"], abs=0.05)  # Less of it predicts a win.
+    assert 0.8 < found.low < found["held out"] < found.high < 1
+    choices = choose(table)
+    assert most_predictive(choices) == "bias"
+    assert len(choices) == RESAMPLES
+    # A resample of 10 lacks each with a probability of 0.9^10.
+    share = np.mean([len(choice.outside) for choice in choices]) / 10
+    assert share == pytest.approx(0.9**10, abs=0.02)
+
+
+def test_rank_correlations_are_spearmans_with_ties():
+    values = np.random.default_rng(0).integers(0, 6, (40, 4)).astype(float)
+    values[::7, 0] = np.inf
+    expected = [spearmanr(values[:, i], values[:, 3]).statistic for i in range(3)]
+    np.testing.assert_allclose(rank_correlations(values), expected, rtol=1e-12)
+    values[:, 1] = 2
+    assert rank_correlations(values)[1] == 0

@@ -23,7 +23,7 @@ from tog_mjx.rollout import objective
 from tog_mjx.simulators import SIMULATORS, precision
 from tog_mjx.solve import step_size
 from tog_mjx.studies.cell import BUDGET
-from tog_mjx.studies.methods import METHODS, Settings
+from tog_mjx.studies.methods import traces
 from tog_mjx.studies.study import Store
 from tog_mjx.tasks import get_task
 
@@ -82,21 +82,6 @@ def worst_factor(matrices: Matrices, step: float) -> Float[np.ndarray, " N"]:
     return np.maximum(*(np.abs(1 - step * value) for value in curvatures(matrices)))
 
 
-def traces(
-    J: Objective, method: str, step: float, guesses: Float[np.ndarray, "M n"], updates: int
-) -> dict[str, np.ndarray]:
-    """`costs` [M, N] and `iterates` [M, N, n], 0 to `updates`, of a method without noise, from each guess."""
-    settings = Settings(jnp.array(step), jnp.array(0.0))
-    bound = METHODS[method].bind(J, settings, guesses.shape[1])
-    keys = jax.random.split(jax.random.key(0), updates + 1)
-
-    def run(u: Float[Array, " n"]) -> Any:
-        return jax.lax.scan(lambda state, key: bound.update(key, state), bound.init(keys[0], u), keys)[1]
-
-    costs, iterates = jax.jit(jax.vmap(run))(guesses)
-    return {"costs": np.asarray(costs), "iterates": np.asarray(iterates)}
-
-
 @dataclasses.dataclass(frozen=True)
 class Asymmetry:
     """Implements `Study`. A row each size and direction of the guess's error, update rule and iteration."""
@@ -117,9 +102,8 @@ class Asymmetry:
             J = objective(task, "penalty")
             for rule, (method, step, number) in rules.items():
                 with piece(f"grasp penalty, {rule}", number) as report:
-                    found = store.finish_part(
-                        f"asymmetry_{rule}", settings, functools.partial(traces, J, method, step, guesses, number)
-                    )
+                    make = functools.partial(traces, J, method, step, 0.0, guesses, number)
+                    found = store.finish_part(f"asymmetry_{rule}", settings, make)
                     report(number)
                 table = _rows(members, **found).assign(rule=rule)
                 if rule == "plain":

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jaxtyping import Array, Float, Key
 
@@ -154,3 +155,17 @@ METHODS: dict[str, Method] = {
     "CR-FM-NES": evolution("CR_FM_NES", _default_population),
 }
 """By name: "estimator, update rule", or the evolution strategy's own name."""
+
+
+def traces(
+    objective: Objective, method: str, step: float, sigma: float, guesses: Float[np.ndarray, "M n"], updates: int
+) -> dict[str, np.ndarray]:
+    """`costs` [M, N] and `iterates` [M, N, n], 0 to `updates`, from each guess; each has random numbers of its own."""
+    bound = METHODS[method].bind(objective, Settings(jnp.asarray(step), jnp.asarray(sigma)), guesses.shape[1])
+
+    def run(u: Float[Array, " n"], key: Key[Array, ""]) -> Any:
+        first, *rest = jax.random.split(key, updates + 2)
+        return jax.lax.scan(lambda state, key: bound.update(key, state), bound.init(first, u), jnp.stack(rest))[1]
+
+    costs, iterates = jax.jit(jax.vmap(run))(guesses, jax.random.split(jax.random.key(0), len(guesses)))
+    return {"costs": np.asarray(costs), "iterates": np.asarray(iterates)}

@@ -17,31 +17,29 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from scipy.stats import spearmanr
 
 from tog_mjx.batches import map_points
-from tog_mjx.comparison import Run, compute
 from tog_mjx.digests import made_with
 from tog_mjx.figures.why import draw_why
 from tog_mjx.gradients import Objective, exact_batch, local
 from tog_mjx.rollout import objective
 from tog_mjx.simulators import SIMULATORS, precision
-from tog_mjx.solve import solve
+from tog_mjx.solve import step_size
 from tog_mjx.studies.cell import BUDGET
+from tog_mjx.studies.methods import traces
+from tog_mjx.studies.predictors import STATISTICS, choose, judge, most_predictive, rank_correlations, values_of
 from tog_mjx.studies.study import Store
-from tog_mjx.tasks import TASKS, get_task
+from tog_mjx.tasks import TASKS, Rule, get_task
 
 NEAR = 0.01
 """The smaller sigma, that of the local statistics, and the length of the step, in m."""
 SHORT = NEAR / 10
 """Another length, in m."""
+NOISE = 0.03
+"""Standard deviation of the guesses about the paper's, which is the first of them, in m."""
 DRAWS, AVERAGED = 64, 8
 LEVEL = 1e-4
 """Changes of J below it count as none."""
-STATISTICS = ("gradient", "snr0", "snr1", "cosine", "bias", "bias1", "flatness", "roughness", "steepness")
-"""Norm of the exact gradient; signal-to-noise ratios of one term of zeroth and first order; cosine of the exact and the
-smoothed gradient; error of the exact gradient and of the mean of first order, relative to the smoothed one; and J
-within 1 cm, see `local`."""
 
 
 def measure(
@@ -119,43 +117,58 @@ def _gains(gains: Float[np.ndarray, " N"]) -> dict[str, Any]:
     }
 
 
-def descents(name: str) -> dict[str, np.ndarray]:
-    """The iterates of Table I's two descents and of `solve`."""
-    table_1 = {method: compute(Run("penalty", name, method)) for method in ("exact", "stochastic")}
-    table_1["solve"] = solve(name, BUDGET[name], "penalty")
-    return {method: descent.setpoints for method, descent in table_1.items()}
+def descents(name: str, guesses: int) -> dict[str, np.ndarray]:
+    """The iterates [guesses, N, n] of Table I's two rules and of `solve`."""
+    task, updates = get_task(name), int(BUDGET[name] / SIMULATORS["penalty"].GRADIENT_CHARGE)
+    off = NOISE * np.random.default_rng(0).normal(size=(guesses, task.initial_guess.size))
+    off[0] = 0
+    rules = {
+        "exact": ("exact, plain", task.exact),
+        "stochastic": ("stochastic, plain", task.stochastic),
+        "solve": ("solve", Rule(step_size(task, updates), updates - 1)),
+    }
+    with precision("penalty"):
+        run = functools.partial(traces, objective(task, "penalty"), guesses=task.initial_guess + off)
+        return {
+            of: run(method, rule.step_size, rule.sigma, updates=rule.iterations)["iterates"]
+            for of, (method, rule) in rules.items()
+        }
 
 
 @dataclasses.dataclass(frozen=True)
 class Why:
-    """Implements `Study`. A row each task, descent, iterate and sigma."""
+    """Implements `Study`. A row each task, descent, guess, iterate and sigma."""
 
     question: str = "What tells beforehand whether the exact gradient gains more than a stochastic one?"
 
     def run(self, quick: bool, store: Store, piece: Callable) -> pd.DataFrame:
         tables = []
-        number, pairs = (5, 256) if quick else (25, 2048)
+        guesses, number, pairs = (2, 3, 256) if quick else (10, 5, 2048)
         for name in TASKS:
             sigmas, program = (NEAR, get_task(name).stochastic.sigma), made_with(get_task(name), __name__)
             with piece(f"{name} penalty, descents", 1) as report:
-                made = store.finish_part(f"why_{name}_descents", program, functools.partial(descents, name))
-                chosen = {of: _spread(len(some), number) for of, some in made.items()}
+                make_descents = functools.partial(descents, name, guesses)
+                made = store.finish_part(f"why_{name}_descents", {"guesses": guesses, **program}, make_descents)
+                kept = {of: _spread(some.shape[1], number) for of, some in made.items()}
                 report(1)
-            points = np.concatenate([made[of][some] for of, some in chosen.items()])
+            points = np.concatenate([made[of][:, some].reshape(-1, made[of].shape[2]) for of, some in kept.items()])
             settings = {"points": points.tolist(), "pairs": pairs, **program}
             with piece(f"{name} penalty", len(points) * len(sigmas) * 2 * pairs) as report:
                 make = functools.partial(_measured, name, points, sigmas, pairs, report)
                 rows = store.finish_table(f"why_{name}", settings, make)
-            labels = [(name, of, i) for of, some in chosen.items() for i in some for _ in sigmas]
-            tables.append(pd.DataFrame(labels, columns=["task", "descent", "iteration"]).join(rows))
+            labels = [
+                (name, of, g, i) for of, some in kept.items() for g in range(guesses) for i in some for _ in sigmas
+            ]
+            tables.append(pd.DataFrame(labels, columns=["task", "descent", "guess", "iteration"]).join(rows))
         return pd.concat(tables, ignore_index=True)
 
     def summary(self, table: pd.DataFrame) -> pd.DataFrame:
-        """Rates, and the rank correlation of each statistic with `exact wins`: of all iterates and of each descent."""
+        """Of all iterates and of each descent: rates, each statistic's rank correlation, and what `judge` says."""
         groups = [(name, "all", rows) for name, rows in [("both", table), *table.groupby("task", sort=False)]]
         groups += [(*of, rows) for of, rows in table.groupby(["task", "descent"], sort=False)]
+        choices = choose(table)
         found = [
-            {"task": name, "descent": of, "sigma": sigma, **_answer(some)}
+            {"task": name, "descent": of, "sigma": sigma, **_answer(some), **judge(choices, some)}
             for name, of, rows in groups
             for sigma, some in [(s, x) for s, x in rows.groupby("sigma") if name != "both" or s == NEAR]
         ]
@@ -163,13 +176,7 @@ class Why:
 
     def draw(self, quick: bool, store: Store, table: pd.DataFrame) -> Figure:
         del quick, store
-        return draw_why(table, most_predictive(table))
-
-
-def most_predictive(table: pd.DataFrame) -> str:
-    """The statistic whose rank correlation, averaged over tasks and sigmas, is largest."""
-    groups = [some for _, some in table.groupby(["task", "sigma"])]
-    return max(STATISTICS, key=lambda name: abs(np.mean([_rank_correlation(some, name) for some in groups])))
+        return draw_why(table, most_predictive(choose(table)))
 
 
 def _spread(length: int, number: int) -> np.ndarray:
@@ -177,16 +184,10 @@ def _spread(length: int, number: int) -> np.ndarray:
     return np.unique(np.linspace(0, length - 1, number).round().astype(int))
 
 
-def _rank_correlation(some: pd.DataFrame, name: str) -> float:
-    """0 where one of the two does not vary."""
-    pair = some[name], some["exact wins"]
-    return float(spearmanr(*pair).statistic) if min(x.nunique() for x in pair) > 1 else 0.0
-
-
 def _answer(some: pd.DataFrame) -> dict[str, Any]:
     lowers = {f"{name} lowers": (some[f"gain, {name}"] > 0).mean() for name in ("exact", "smoothed", "zeroth")}
     wins = {f"{name} best": (some.wins == name).mean() for name in ("exact", "smoothed", "zeroth")}
-    ranks = {f"rho {name}": _rank_correlation(some, name) for name in STATISTICS}
+    ranks = {f"rho {name}": rho for name, rho in zip(STATISTICS, rank_correlations(values_of(some)), strict=True)}
     short = {
         "exact wins, 1 mm": some["exact wins, 1 mm"].mean(),
         "exact lowers, 1 mm": (some["gain, exact, 1 mm"] > 0).mean(),
