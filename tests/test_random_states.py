@@ -22,6 +22,13 @@ from tog_mjx.tasks import Task, get_task
 
 STATES = 10_000
 TOLERANCE = 1e-5
+LEFT_OUT = {"flip": 0, "grasp": 2}
+"""States not within it."""
+SHARES = {
+    "flip": {"free": 18, "sticking": 56, "sliding": 15, "parting": 31, "corner": 3},
+    "grasp": {"free": 6, "sticking": 73, "sliding": 22, "parting": 45, "corner": 6, "two fingers": 32},
+}
+"""Of the states, in per cent; these and the above are what the README says."""
 
 
 class Study(NamedTuple):
@@ -123,20 +130,18 @@ def test_every_derivative_is_finite(study):
     assert np.isfinite(study.found).all()
 
 
-def test_almost_all_are_within_tolerance_of_the_differences(study):
-    assert (study.error <= TOLERANCE).mean() >= 0.995
-
-
-def test_each_of_the_rest_straddles_a_kink(study):
+def test_all_are_within_tolerance_of_the_differences_or_straddle_a_kink(study):
     # Within the differences' steps the contacts change what they do, or the nearest face or corner of the box changes.
     nv, directions = study.task.scene.model.nv, np.eye(study.x.shape[1])
-    for i in np.flatnonzero(study.error > TOLERANCE):
+    rest = np.flatnonzero(study.error > TOLERANCE)
+    assert len(rest) == LEFT_OUT[study.task.name]
+    for i in rest:
         here = regimes(study.task, study.x[i])
         shifted = [study.x[i] + sign * 4e-6 * d for d in directions for sign in (1, -1)]
         assert any(regimes(study.task, x) != here for x in shifted), (i, study.error[i], study.x[i, : 2 * nv])
 
 
-def test_the_states_are_of_all_kinds(study):
+def test_the_states_are_of_the_kinds_that_the_readme_says(study):
     shares: collections.Counter = collections.Counter()
     box = study.task.scene.model.geom("box").id
     for x in study.x:
@@ -145,13 +150,4 @@ def test_the_states_are_of_all_kinds(study):
         shares.update({contact[2] for contact in found} or {"free"})
         shares["two fingers"] += len(presses) == 2
         shares["corner"] += any(0.01 < abs(n) < 0.99 for *_, normal in presses for n in normal)
-    kinds = [
-        "free",
-        "parting",
-        "sticking",
-        "sliding",
-        "corner",
-        *(["two fingers"] if study.task.name == "grasp" else []),
-    ]
-    print(study.task.name, {kind: shares[kind] / STATES for kind in kinds}, "within", (study.error <= TOLERANCE).mean())
-    assert min(shares[kind] for kind in kinds) >= 0.03 * STATES
+    assert {kind: round(100 * shares[kind] / STATES) for kind in SHARES[study.task.name]} == SHARES[study.task.name]
