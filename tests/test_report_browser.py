@@ -83,7 +83,8 @@ def told(page) -> tuple[float, float, float, float]:
     """Time, x, z and the angle in degrees of the status line."""
     found = re.search(r"At (.*) s the box is at x = (.*) m, z = (.*) m, turned by (.*) degrees", said(page))
     assert found
-    return tuple(map(float, found.groups()))
+    seconds, x, z, degrees = map(float, found.groups())
+    return seconds, x, z, degrees
 
 
 def said(page) -> str:

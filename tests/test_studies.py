@@ -164,7 +164,8 @@ def test_only_a_random_sample_has_an_interval(of, is_sample):
     """Not the points of a grid, nor runs that are all the same."""
     cell = Cell(**{"task": "flip", "simulator": "penalty", "updates": 1, "seeds": (0, 1), "steps": (0.1,), **of})
     size = len(cell.members)
-    found = Found(np.ones((size, 1)), *np.zeros((3, size, 2)), np.zeros((size, 0, 256)))
+    nowhere = np.zeros((size, 2))
+    found = Found(np.ones((size, 1)), nowhere, nowhere, nowhere, np.zeros((size, 0, 256)))
     row = Comparison("?", (), ("task",)).summary(rows(cell, found, 0)).to_dict("records")[0]
     assert ("low" in row, "high" in row) == (is_sample, is_sample)
 
