@@ -1,15 +1,19 @@
-"""MJX, imported quietly, and only in a version that this package has been checked against.
+"""MJX, imported quietly, and everything in it that this package uses though MJX keeps it private.
 
 MJX prints to standard output on import (that the optional Warp is not installed); a program's standard output is its
-own. And `tog_mjx.constraints` reads fields that MJX keeps private, which another version may rename or redefine.
+own. What is private another version may rename or redefine: so only this file touches it, and `check_version` says
+which versions are let in. `tests/test_mjx_private.py` holds every one of these names against C MuJoCo.
 """
 
 import contextlib
 import importlib.metadata
 import io
+from typing import NamedTuple
 
 import jax
 import mujoco
+import numpy as np
+from jaxtyping import Array, Float
 
 OLDEST, NEXT = (3, 17), (4, 0)
 
@@ -36,5 +40,50 @@ def put_model(model: mujoco.MjModel) -> mjx.Model:
 
 
 def make_data(model: mujoco.MjModel | mjx.Model) -> mjx.Data:
-    """As `put_model`."""
-    return mjx.make_data(model, device=jax.local_devices()[0])
+    """Data of the model, on the implementation and the device of `put_model`."""
+    return mjx.make_data(model, device=jax.local_devices()[0], impl="jax")
+
+
+class Contacts(NamedTuple):
+    """The pairs that MJX watches, K of them, touching or not, sorted by condim."""
+
+    distance: Float[Array, " K"]
+    margin: Float[Array, " K"]
+    friction: Float[Array, "K 5"]
+    condim: np.ndarray
+    geoms: Array
+
+
+def contacts(data: mjx.Data) -> Contacts:
+    """What `mjx.fwd_position` left of them in `data`."""
+    found = data._impl.contact
+    return Contacts(found.dist, found.includemargin, found.friction, np.asarray(found.dim), found.geom)
+
+
+class ConstraintRows(NamedTuple):
+    """The constraint rows: equalities first, then friction losses, then limits and contacts, in that order."""
+
+    jacobian: Float[Array, "nefc nv"]
+    reference: Float[Array, " nefc"]
+    D: Float[Array, " nefc"]
+    friction_loss: Float[Array, " nefc"]
+    force: Float[Array, " nefc"]
+    equalities: int
+    losses: int
+
+
+def constraint_rows(data: mjx.Data) -> ConstraintRows:
+    """What `mjx.fwd_position` left of them in `data`, and `force` what `mjx.solve` left."""
+    found = data._impl
+    rows = (found.efc_J, found.efc_aref, found.efc_D, found.efc_frictionloss, found.efc_force)
+    return ConstraintRows(*rows, int(found.ne), int(found.nf))
+
+
+def with_constraint_force(data: mjx.Data, force: Float[Array, " nefc"]) -> mjx.Data:
+    """`data` with the force of each constraint row."""
+    return data.tree_replace({"_impl.efc_force": force})
+
+
+def tendon_jacobian(data: mjx.Data) -> Float[Array, "ntendon nv"]:
+    """The derivative of the tendons' lengths in the joint positions."""
+    return data._impl.ten_J

@@ -8,8 +8,7 @@ A row with x = J q - a_ref and regulariser D = 1 / R exerts, by its kind,
 - elliptic contact: the rows of one contact together, see `_elliptic_force`.
 
 This is minus the gradient of the solver's convex cost. It is written anew because the solver's own version is tangled
-up with its iterations and has no safe derivative at zero sliding speed. Only `read_rows` touches what MJX keeps
-private.
+up with its iterations and has no safe derivative at zero sliding speed.
 
 Source: MuJoCo documentation, Computation, "Primal problem".
 """
@@ -22,7 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx._mjx import mjx
+from tog_mjx._mjx import constraint_rows, contacts, mjx
 from tog_mjx.errors import InputError
 from tog_mjx.safe import safe_norm
 
@@ -68,21 +67,21 @@ def require_jax(model: mjx.Model, data: mjx.Data) -> None:
 
 def read_rows(model: mjx.Model, data: mjx.Data) -> Rows:
     """The constraint rows that `mjx.fwd_position` left in `data`."""
-    impl = data._impl
-    dim = np.asarray(impl.contact.dim)
+    rows, touching = constraint_rows(data), contacts(data)
+    dim = touching.condim
     is_elliptic = (dim > 1) & (model.opt.cone == mjx.ConeType.ELLIPTIC)
     condims, counts = np.unique(dim[is_elliptic], return_counts=True)
     # MJX sorts contacts by condim, and puts their rows last and in that order.
     assert (np.diff(dim) >= 0).all()
     return Rows(
-        jacobian=impl.efc_J,
-        reference=impl.efc_aref,
-        D=impl.efc_D,
-        friction_loss=impl.efc_frictionloss,
-        friction=impl.contact.friction[np.flatnonzero(is_elliptic)],
+        jacobian=rows.jacobian,
+        reference=rows.reference,
+        D=rows.D,
+        friction_loss=rows.friction_loss,
+        friction=touching.friction[np.flatnonzero(is_elliptic)],
         impratio=jnp.asarray(model.opt.impratio),
-        equalities=int(impl.ne),
-        losses=int(impl.nf),
+        equalities=rows.equalities,
+        losses=rows.losses,
         elliptic=tuple(zip(condims.tolist(), counts.tolist(), strict=True)),
     )
 

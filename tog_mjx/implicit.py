@@ -34,7 +34,7 @@ from jax.custom_derivatives import SymbolicZero
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
-from tog_mjx._mjx import mjx
+from tog_mjx._mjx import constraint_rows, mjx, tendon_jacobian, with_constraint_force
 from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, read_rows, require_jax
 from tog_mjx.integration import integrate, with_derivative_of
 
@@ -69,8 +69,9 @@ def forward(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     solved = jax.lax.stop_gradient(mjx.solve(*jax.lax.stop_gradient((model, data))))
     qacc = _differentiable(checkpoint_name(solved.qacc, _SOLUTION), mjx.full_m(model, data), data.qfrc_smooth, rows)
     force = constraint_force(rows, rows.at(qacc))
-    forces = with_derivative_of((solved.qfrc_constraint, solved._impl.efc_force), (rows.jacobian.T @ force, force))
-    data = data.tree_replace({"qacc": qacc, "qfrc_constraint": forces[0], "_impl.efc_force": forces[1]})
+    found = solved.qfrc_constraint, constraint_rows(solved).force
+    forces = with_derivative_of(found, (rows.jacobian.T @ force, force))
+    data = with_constraint_force(data.replace(qacc=qacc, qfrc_constraint=forces[0]), forces[1])
     return mjx.sensor_acc(model, data)
 
 
@@ -84,7 +85,7 @@ def _spring_back(model: mjx.Model, data: mjx.Data) -> mjx.Data:
         return data
     low, high = model.tendon_lengthspring.T
     stretch = jnp.where((low == high) & (data.ten_length == low), data.ten_length - low, 0.0)
-    return data.replace(qfrc_passive=data.qfrc_passive - data._impl.ten_J.T @ (model.tendon_stiffness * stretch))
+    return data.replace(qfrc_passive=data.qfrc_passive - tendon_jacobian(data).T @ (model.tendon_stiffness * stretch))
 
 
 @jax.custom_jvp

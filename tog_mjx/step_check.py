@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx._mjx import mjx
+from tog_mjx._mjx import mjx, put_model
 from tog_mjx.differences import central_differences, halvings
 from tog_mjx.errors import InputError
 from tog_mjx.simulate import STEPS
@@ -64,7 +64,7 @@ class StepFunction(NamedTuple):
 
 def step_function(model: mujoco.MjModel, iterations: int | None = None) -> StepFunction:
     """The step of `model` at its `tog_mjx.state.default_start`; `iterations` replaces the solver's number."""
-    mjx_model = mjx.put_model(model, impl="jax")
+    mjx_model = put_model(model)
     if iterations is not None:
         mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(iterations=iterations))
     start = on_mjx(mjx_model, default_start(model))

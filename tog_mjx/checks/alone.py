@@ -17,7 +17,7 @@ from typing import Any
 
 import mujoco
 
-from tog_mjx._mjx import make_data, put_model
+from tog_mjx._mjx import contacts, make_data, put_model
 from tog_mjx.checks.finding import Finding
 from tog_mjx.checks.preflight import preflight
 from tog_mjx.checks.scene import check_scene
@@ -144,7 +144,7 @@ def _check(path: Path, result: Path, steps: int, quick: bool) -> None:
         found |= {"nq": model.nq, "nv": model.nv, "nu": model.nu}
         start = keyframe_start(model)
         if not any(remark.blocks for remark in preflight(model, path, start)):
-            found["contacts"] = int(make_data(put_model(model))._impl.contact.dist.size)
+            found["contacts"] = contacts(make_data(put_model(model))).distance.size
         verdict = check_scene(model, start, steps=steps, path=path, quick=quick, report=say)
     except InputError as error:
         found |= {"verdict": NOT_CHECKED, "check": "", "sentence": str(error)}

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from tog_mjx._mjx import mjx, put_model
+from tog_mjx._mjx import constraint_rows, contacts, mjx, put_model
 from tog_mjx.batches import call_in_chunks
 from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.tangents import in_velocity_space, state_basis
@@ -138,7 +138,7 @@ class Simulation:
             return jax.vmap(one, out_axes=(None, 0))(along, changes)
 
         state, change = with_tangents(begin, state_of(data), tangents)
-        record = _empty(data._impl.contact.dist.size, state, change)
+        record = _empty(contacts(data).distance.size, state, change)
 
         def body(i: Array, carry: Any) -> Any:
             state, change, record = carry
@@ -154,25 +154,25 @@ class Simulation:
 def _advance(scene: SceneFunction, model: mjx.Model, data: mjx.Data, state: dict | None = None) -> Any:
     """The next state, and what the stages of the step have left."""
     after = STEPS[scene.differentiation](model, data.replace(**state) if state else data)
-    contact = after._impl.contact
-    distance = contact.dist - contact.includemargin
+    touching, rows = contacts(after), constraint_rows(after)
+    distance = touching.distance - touching.margin
     stages = {
         "collision": distance,
         "smooth dynamics": after.qacc_smooth,
-        "constraints": (after._impl.efc_D, after._impl.efc_aref),
+        "constraints": (rows.D, rows.reference),
         "solver": after.qacc,
         "integrator": (after.qpos, after.qvel),
     }
     # As floats, like all that is carried along: integers have tangents of a kind of their own.
     still = jax.lax.stop_gradient(
-        {"correction": _correction(model, after), "geoms": contact.geom.astype(distance.dtype)}
+        {"correction": _correction(model, after), "geoms": touching.geoms.astype(distance.dtype)}
     )
     return state_of(after), {**stages, **still}
 
 
 def _correction(model: mjx.Model, data: mjx.Data) -> Float[Array, ""]:
     """The norm of the Newton step that the solver's answer still asks for, relative to the accelerations at play."""
-    if model.nv == 0 or data._impl.efc_J.size == 0:
+    if model.nv == 0 or constraint_rows(data).jacobian.size == 0:
         return jnp.zeros(())
     rows, mass = read_rows(model, data), mjx.full_m(model, data)
     x = rows.at(data.qacc)
