@@ -21,10 +21,10 @@ import pytest
 from hypothesis import settings
 
 from tog_mjx.console import enable_compilation_cache, run_main
-from tog_mjx.devices import tune_compiler
 from tog_mjx.rollout import Trajectory, final_cost, trajectory
 from tog_mjx.simulators import Simulator
 from tog_mjx.tasks import Task, get_task
+from tog_mjx.xla_flags import tune_compiler
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 1)  # Whichever script a test starts first.

@@ -16,9 +16,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from tog_mjx.devices import tune_compiler, use_all_cores
+from tog_mjx.devices import use_all_cores
 from tog_mjx.errors import InputError
 from tog_mjx.user_code import own_lines
+from tog_mjx.xla_flags import tune_compiler
 
 CACHE_VARIABLE = "TOG_MJX_CACHE"
 """Environment variable: the folder of compiled functions, or "off". The default lies in the user's cache folder."""

@@ -35,23 +35,6 @@ def use_all_cores() -> None:
             jax.config.update("jax_num_cpu_devices", cores())
 
 
-def tune_compiler() -> None:
-    """Two settings of XLA's CPU compiler, in `XLA_FLAGS`, unless somebody chose. Without effect once JAX has started.
-
-    - A time loop over little data becomes one machine function. By default XLA does so below 1 kB, and runs larger
-      loops kernel by kernel: on one motion of `penalty` that takes 3 times as long, on its gradient in reverse mode
-      ten times. MJX's loops hold calls to LAPACK and stay as they are.
-    - The older code generator of fused operations: it compiles a gradient through MJX in two thirds of the time and
-      runs it no slower; a batch on `penalty` may lose a fifth.
-    """
-    flags = os.environ.get("XLA_FLAGS", "")
-    if "xla_backend_extra_options" not in flags:
-        flags += " --xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000"
-    if "xla_cpu_use_fusion_emitters" not in flags:
-        flags += " --xla_cpu_use_fusion_emitters=false"
-    os.environ["XLA_FLAGS"] = flags.strip()
-
-
 def over_devices(function: Callable) -> Callable[[Any], Any]:
     """`function` of a batch, compiled, each device with its part: NumPy arrays to NumPy arrays, or pytrees of them.
 
