@@ -8,9 +8,22 @@ from pathlib import Path
 import pytest
 
 from tog_mjx import xla_flags
+from tog_mjx.errors import InputError
 
 ROOT = Path(__file__).parents[1]
 OPTIONS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000"
+
+
+def test_a_script_tells_a_bad_flag_in_one_line():
+    done = subprocess.run(
+        [sys.executable, ROOT / "scripts/check_step.py", ROOT / "tests/scenes/incline.xml"],
+        env=os.environ | {"XLA_FLAGS": "--xla_nonsense=1"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert done.stderr.startswith("check_step.py: jaxlib ")
 
 
 @pytest.mark.parametrize(
@@ -21,41 +34,35 @@ OPTIONS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1
         ("nowhere/flags.txt", 'Could not open file "nowhere/flags.txt"'),
     ],
 )
-def test_a_users_flag_that_jaxlib_refuses_is_told_in_one_line(flags, said):
-    done = subprocess.run(
-        [sys.executable, ROOT / "scripts/check_step.py", ROOT / "tests/scenes/incline.xml"],
-        env=os.environ | {"XLA_FLAGS": flags},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
-    assert done.stderr.startswith("check_step.py: jaxlib ")
-    assert f"refuses XLA_FLAGS='{flags}': {said}" in done.stderr
-
-
-def tuned(monkeypatch, chosen: str, **more: str) -> str:
-    """XLA_FLAGS after `tune_compiler`, and that jaxlib takes them."""
-    monkeypatch.setattr(xla_flags, "_SETTINGS", xla_flags._SETTINGS | more)
-    monkeypatch.setenv("XLA_FLAGS", chosen)
-    xla_flags.tune_compiler()
-    program = "import jax; assert jax.numpy.arange(3).sum() == 3"
-    subprocess.run([sys.executable, "-c", program], check=True, env=os.environ | {"JAX_PLATFORMS": "cpu"})
-    return os.environ["XLA_FLAGS"]
+def test_a_bad_flag_of_the_users_is_told(monkeypatch, flags, said):
+    monkeypatch.setenv("XLA_FLAGS", flags)
+    with pytest.raises(InputError, match=f"refuses XLA_FLAGS='{flags}': {said}"):
+        xla_flags.tune_compiler()
 
 
 def test_settings_that_jaxlib_does_not_know_are_left_out(monkeypatch):
-    found = tuned(monkeypatch, "", xla_of_yesterday="true", xla_dump_hlo_as_text="perhaps", xla_dump_hlo_as_dot="false")
+    more = {"xla_of_yesterday": "true", "xla_dump_hlo_as_text": "perhaps", "xla_dump_hlo_as_dot": "false"}
+    monkeypatch.setattr(xla_flags, "_SETTINGS", xla_flags._SETTINGS | more)
+    monkeypatch.setenv("XLA_FLAGS", "")
+    xla_flags.tune_compiler()
+    found = os.environ["XLA_FLAGS"]
     assert OPTIONS in found
     assert "--xla_dump_hlo_as_dot=false" in found
     assert "yesterday" not in found
     assert "perhaps" not in found
+    # JAX itself takes what is left.
+    program = "import jax; assert jax.numpy.arange(3).sum() == 3"
+    subprocess.run([sys.executable, "-c", program], check=True, env=os.environ | {"JAX_PLATFORMS": "cpu"})
 
 
 def test_what_somebody_chose_stays(monkeypatch, tmp_path):
     chosen = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=2"
-    assert tuned(monkeypatch, chosen).startswith(chosen)
-    assert OPTIONS not in tuned(monkeypatch, chosen)
     file = tmp_path / "flags.txt"
     file.write_text(chosen)
-    assert tuned(monkeypatch, str(file)) == str(file)
+    monkeypatch.setenv("XLA_FLAGS", chosen)
+    xla_flags.tune_compiler()
+    assert os.environ["XLA_FLAGS"].startswith(chosen)
+    assert OPTIONS not in os.environ["XLA_FLAGS"]
+    monkeypatch.setenv("XLA_FLAGS", str(file))  # To which nothing can be added.
+    xla_flags.tune_compiler()
+    assert os.environ["XLA_FLAGS"] == str(file)
