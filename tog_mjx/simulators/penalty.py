@@ -20,6 +20,7 @@ import numpy as np
 from tog_mjx.contact import PenaltyLaw
 from tog_mjx.scene import Physics, Scene
 from tog_mjx.simulators.plane import Plane
+from tog_mjx.touch import box_width, switch
 from tog_mjx.types import Box, Fingers, Scalar, Setpoints
 
 
@@ -49,18 +50,26 @@ class PlanarState(NamedTuple):
 @jax.tree_util.register_dataclass
 @dataclasses.dataclass(frozen=True)
 class PenaltySimulator:
-    """Parameters are leaves; the friction law is static. Implements `tog_mjx.simulators.simulator.Simulator`."""
+    """Parameters are leaves; the friction law is static. Implements `tog_mjx.simulators.simulator.Simulator`.
 
-    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"friction": ("mujoco", "paper")}
+    `differentiation="native"` is what JAX makes of the steps: the derivative between two jumps of the motion;
+    `"saltation"` has the jumps of touch-downs and partings in it, see `tog_mjx.touch`. The values are the same.
+    """
+
+    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {
+        "friction": ("mujoco", "paper"),
+        "differentiation": ("native", "saltation"),
+    }
     CHUNK: ClassVar[int] = 4096
     GRADIENT_CHARGE: ClassVar[float] = 4.0
 
     physics: Physics
     friction: str = dataclasses.field(default="mujoco", metadata={"static": True})
+    differentiation: str = dataclasses.field(default="native", metadata={"static": True})
 
     @classmethod
-    def from_scene(cls, scene: Scene, friction: str = "mujoco") -> "PenaltySimulator":
-        return cls(in_default_precision(scene.physics), friction)
+    def from_scene(cls, scene: Scene, friction: str = "mujoco", differentiation: str = "native") -> "PenaltySimulator":
+        return cls(in_default_precision(scene.physics), friction, differentiation)
 
     def init(self, box: Box, fingers: Fingers) -> PlanarState:
         box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
@@ -108,14 +117,17 @@ class PenaltySimulator:
         distance = box.position.z + arm.z - self.physics.corner_radius
         arm = Plane(arm.x, distance / 2 - box.position.z)
         velocity = box.velocity + arm.perpendicular() * box.spin
-        normal, tangential = self._force(self.physics.corner_floor, distance, velocity.z, velocity.x)
+        inverse_inertia = 1 / self.physics.box_mass + arm.x**2 / self.physics.box_inertia
+        law = self.physics.corner_floor
+        normal, tangential = self._force(law, distance, velocity.z, velocity.x, inverse_inertia)
         force = Plane(tangential, normal)
         return force, arm.cross(force)
 
     def _finger_floor(self, finger: Finger) -> Plane:
         """Force on a finger where it meets the floor."""
+        law, velocity = self.physics.finger_floor, finger.velocity
         distance = finger.position.z - self.physics.finger_radius
-        normal, tangential = self._force(self.physics.finger_floor, distance, finger.velocity.z, finger.velocity.x)
+        normal, tangential = self._force(law, distance, velocity.z, velocity.x, 1 / self.physics.finger_mass)
         return Plane(tangential, normal)
 
     def _finger_box(self, box: Body, finger: Finger) -> tuple[Plane, Plane]:
@@ -128,7 +140,9 @@ class PenaltySimulator:
         arm = offset - normal * (p.finger_radius + gap / 2)
         velocity = finger.velocity - box.velocity - arm.perpendicular() * box.spin
         tangent = normal.perpendicular()
-        along_normal, along_tangent = self._force(p.finger_box, gap, velocity.dot(normal), velocity.dot(tangent))
+        inverse_inertia = 1 / p.finger_mass + 1 / p.box_mass + arm.cross(normal) ** 2 / p.box_inertia
+        speeds = velocity.dot(normal), velocity.dot(tangent)
+        along_normal, along_tangent = self._force(p.finger_box, gap, *speeds, inverse_inertia)
         return normal * along_normal + tangent * along_tangent, arm
 
     def _distance(self, point: Plane) -> tuple[Scalar, Plane]:
@@ -136,11 +150,22 @@ class PenaltySimulator:
         return box_distance(Plane.of(self.physics.box_half), point)
 
     def _force(
-        self, law: PenaltyLaw, distance: Scalar, normal_speed: Scalar, tangential_speed: Scalar
+        self,
+        law: PenaltyLaw,
+        distance: Scalar,
+        normal_speed: Scalar,
+        tangential_speed: Scalar,
+        inverse_inertia: Scalar | float,
     ) -> tuple[Scalar, Scalar]:
-        """(f_n, f_t) of the chosen law; zero, with zero gradient, where the bodies are apart."""
+        """(f_n, f_t) of the chosen law; zero where bodies are apart, with no gradient but that of the switch.
+
+        `inverse_inertia` [1/kg]: the normal acceleration of the bodies from each other by a normal force of 1 N.
+        """
         kernel = mujoco_limit_force if self.friction == "mujoco" else paper_force
         normal, tangential = kernel(law, -distance, normal_speed, tangential_speed)
+        if self.differentiation == "saltation":
+            s = switch(distance, box_width(normal_speed, normal * inverse_inertia, self.physics.timestep))
+            return s * normal, s * tangential
         touching = distance < 0
         return jnp.where(touching, normal, 0.0), jnp.where(touching, tangential, 0.0)
 

@@ -43,7 +43,7 @@ class PointFingers(PenaltySimulator):
         return super().init(*ReleasedSimulator(self.physics).init(box, fingers))
 
     def step(self, state: PlanarState, setpoints: Setpoints) -> PlanarState:
-        point = PenaltySimulator(self.physics._replace(finger_radius=0.0), self.friction)
+        point = PenaltySimulator(self.physics._replace(finger_radius=0.0), self.friction, self.differentiation)
         return point.step(state, setpoints)
 
 
