@@ -22,11 +22,11 @@ _SETTINGS = {
 def tune_compiler() -> None:
     """Two settings of XLA's CPU compiler, where jaxlib knows them and nobody chose. No effect once JAX has started.
 
-    - A time loop over little data becomes one machine function. By default XLA does so below 1 kB, and runs larger
-      loops kernel by kernel: on one motion of `penalty` that takes 3 times as long, on its gradient in reverse mode
-      ten times. MJX's loops hold calls to LAPACK and stay as they are.
-    - The older code generator of fused operations: it compiles a gradient through MJX in two thirds of the time and
-      runs it no slower; a batch on `penalty` may lose a fifth. JAX 0.12 no longer has it.
+    - A time loop over little data becomes one machine function. By default XLA in JAX 0.10 does so below 1 kB, and runs
+      larger loops kernel by kernel: on one motion of `penalty` that takes 3 times as long, on its gradient in reverse
+      mode ten times. MJX's loops hold calls to LAPACK and stay as they are.
+    - The older code generator of fused operations: it compiles a gradient through MJX in less than two thirds of the
+      time and runs it no slower; a batch on `penalty` may lose a fifth. JAX 0.12 has only the newer one.
 
     Raises:
       InputError: for an `XLA_FLAGS` of the user's that jaxlib refuses.
