@@ -11,7 +11,7 @@ simulated, however small the time step. Here s keeps its value and has the deriv
 
 with v_n the normal speed, and a_n the normal acceleration of the bodies towards or from each other by f.
 
-- A body that crosses the surface at speed has exactly one step in a box of width |v_n| dt, wherever time steps lie,
+- A body that crosses the surface at speed has exactly one step in a box as wide as |v_n| dt, wherever steps lie,
   before the surface or behind it. Averaged over where they lie, the jump is counted once, with the force at the surface
   and with what follows on both sides of the jump: the derivative is that of the saltation matrix, to second order in dt.
 - A body that hovers at the surface, as MuJoCo's friction lets a sliding contact do, is thrown back by each step of
