@@ -17,8 +17,8 @@ from tog_mjx.checks.scene import check_scene
 from tog_mjx.checks.scene_function import load_cost
 from tog_mjx.checks.starts import keyframe_start, saved_start
 from tog_mjx.console import ArgumentParser, run_main
+from tog_mjx.implicit import STEPS
 from tog_mjx.scene import compile_model, scene_path
-from tog_mjx.simulate import STEPS
 from tog_mjx.storage import atomic_write, check_writable
 
 _MARKS = {Level.FINE: "[green]fine [/]", Level.CARE: "[yellow]care [/]", Level.FAULT: "[red]fault[/]"}

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from tog_mjx.console import ArgumentParser, Work, run_main
 from tog_mjx.scene import load_scene
-from tog_mjx.step_check import METHODS, Verdict, check_step
+from tog_mjx.step_check import METHODS, ORDERS, Verdict, check_second_order, check_step
 
 WIDTH = 140
 
@@ -19,15 +19,23 @@ WIDTH = 140
 def main() -> None:
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scene", nargs="+", help="an MJCF file, or flip or grasp")
+    parser.add_argument(
+        "--second-order", action="store_true", help="errors of the Hessian of tog.step in state and controls instead"
+    )
     args = parser.parse_args()
     scenes = [load_scene(name) for name in args.scene]
     progress, table = Work(Console(stderr=True)), Table(box=box.MARKDOWN)
-    for column in ("scene", *METHODS):
+    for column in ("scene", *(ORDERS if args.second_order else METHODS)):
         table.add_column(column, no_wrap=True)
     not_finite: set[str] = set()
     kinks: dict[str, tuple[str, ...]] = {}
     with jax.enable_x64():
         for i, scene in enumerate(scenes, 1):
+            if args.second_order:
+                with progress.piece(f"[{i}/{len(scenes)}] {scene.name}", 1):
+                    errors = check_second_order(scene.model)
+                table.add_row(scene.name, *(f"{error:.0e}" for error in errors.values()))
+                continue
             with progress.piece(f"[{i}/{len(scenes)}] {scene.name}", len(METHODS)) as report:
                 verdicts = check_step(scene.model, report=report)
             table.add_row(scene.name, *map(told, verdicts.values()))

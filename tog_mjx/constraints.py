@@ -19,7 +19,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from tog_mjx._mjx import constraint_rows, contacts, mjx
 from tog_mjx.errors import InputError
@@ -37,8 +37,8 @@ class Rows:
 
     `jacobian` [nefc, nv], `reference` (a_ref), `D` and `friction_loss` [nefc]. `elliptic` lists the groups (condim,
     number of contacts) of elliptic contacts, which are the last rows, and `friction` [K, 5] holds the coefficients of
-    those K contacts; `impratio` [] is MuJoCo's ratio of frictional to normal impedance. Arrays are leaves (annotated
-    Any, as JAX puts other things in their place), numbers of rows are static.
+    those K contacts; `condims` are those of all contacts; `impratio` [] is MuJoCo's ratio of frictional to normal
+    impedance. Arrays are leaves (annotated Any, as JAX puts other things in their place), numbers of rows are static.
     """
 
     jacobian: Any
@@ -50,6 +50,7 @@ class Rows:
     equalities: int = _static()
     losses: int = _static()
     elliptic: tuple[tuple[int, int], ...] = _static()
+    condims: tuple[int, ...] = dataclasses.field(default=(), metadata={"static": True})
 
     def at(self, qacc: Float[Array, " nv"]) -> Float[Array, " nefc"]:
         """x = J q - a_ref at the acceleration q."""
@@ -83,6 +84,14 @@ def read_rows(model: mjx.Model, data: mjx.Data) -> Rows:
         equalities=rows.equalities,
         losses=rows.losses,
         elliptic=tuple(zip(condims.tolist(), counts.tolist(), strict=True)),
+        condims=tuple(dim.tolist()),
+    )
+
+
+def masked(rows: Rows, keep: Bool[Array, " nefc"]) -> Rows:
+    """The rows with those not kept made void, as MJX does with rows that do not act."""
+    return dataclasses.replace(
+        rows, jacobian=jnp.where(keep[:, None], rows.jacobian, 0.0), reference=jnp.where(keep, rows.reference, 0.0)
     )
 
 

@@ -13,7 +13,8 @@ theorem no iteration need be differentiated:
 
 with H symmetric and positive definite, since f is minus the gradient of a convex function. The rule below states just
 that, to JAX, as a Jacobian-vector product that is linear in dp: forward mode is exact and reverse mode is its
-transpose.
+transpose. The rule's own q is this differentiable one again, so that derivatives of any order follow: those of H and of
+dr/dp move with q.
 
 Model parameters. The derivative in a field of `mjx.Model` is that of `mjx.step` with this field changed alone. What
 MuJoCo's compiler derives from an MJCF attribute does not follow: a new `body_mass` leaves `body_inertia` and the
@@ -36,43 +37,69 @@ from jaxtyping import Array, Float
 
 from tog_mjx._mjx import constraint_rows, mjx, tendon_jacobian, with_constraint_force
 from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, read_rows, require_jax
+from tog_mjx.errors import InputError
 from tog_mjx.integration import integrate, with_derivative_of
+from tog_mjx.saltation import effects, gaps
 
+Step = Callable[[mjx.Model, mjx.Data], mjx.Data]
 _SOLUTION = "tog_mjx solution"
 
 
-# Reverse mode would store hundreds of small arrays a step. Storing the state and the solver's answer, and computing the
-# rest again on the way back, is faster, and takes a hundredth of the memory.
-@functools.partial(jax.checkpoint, policy=jax.checkpoint_policies.save_only_these_names(_SOLUTION), prevent_cse=False)
-def step(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """Advances the simulation by one time step: same signature and value as `mjx.step`, differentiable in both modes.
+def step(model: mjx.Model, data: mjx.Data, *, differentiation: str = "implicit") -> mjx.Data:
+    """Advances the simulation by one time step: same value as `mjx.step`, differentiable in both modes.
 
-    The gradient is that of the converged solution, whatever the number of iterations that the solver took; with an
-    unconverged solver it is not the gradient of the value. At the kinks of the contact law (touch-down, stick to slip)
-    it is one-sided. The warm start carries no gradient.
+    Args:
+      differentiation: "implicit": the gradient is that of the converged solution, whatever the number of iterations
+        that the solver took; with an unconverged solver it is not the gradient of the value. At the kinks of the
+        contact law (stick to slip) it is one-sided, and of the jump of a touch-down it knows nothing.
+        "saltation": the same, and the jumps of touch-downs and partings, of contacts and limits, averaged over where
+        time steps fall (`tog_mjx.touch`). "native": stock `mjx.step`. The warm start carries no gradient.
 
     Raises:
-      InputError: for a model that is not on MJX's JAX implementation.
+      InputError: for a model that is not on MJX's JAX implementation, or an unknown differentiation.
     """
-    return integrate(model, forward(model, data), forward)
+    if differentiation not in STEPS:
+        raise InputError(f"differentiation={differentiation!r} is unknown; choose from {', '.join(STEPS)}")
+    return STEPS[differentiation](model, data)
 
 
-def forward(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+def forward(model: mjx.Model, data: mjx.Data, saltation: bool = False) -> mjx.Data:
     """`mjx.forward`, differentiable: the accelerations and forces of a state, without integration."""
     require_jax(model, data)
     data = mjx.sensor_pos(model, mjx.fwd_position(model, data))
     data = mjx.sensor_vel(model, _spring_back(model, mjx.fwd_velocity(model, data)))
     data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
-    rows = read_rows(model, data)
+    rows, mass = read_rows(model, data), mjx.full_m(model, data)
     if rows.jacobian.size == 0:
         return data.replace(qacc=data.qacc_smooth)
     solved = jax.lax.stop_gradient(mjx.solve(*jax.lax.stop_gradient((model, data))))
-    qacc = _differentiable(checkpoint_name(solved.qacc, _SOLUTION), mjx.full_m(model, data), data.qfrc_smooth, rows)
+    qacc = _differentiable(checkpoint_name(solved.qacc, _SOLUTION), mass, data.qfrc_smooth, rows)
     force = constraint_force(rows, rows.at(qacc))
-    found = solved.qfrc_constraint, constraint_rows(solved).force
-    forces = with_derivative_of(found, (rows.jacobian.T @ force, force))
+    if saltation:
+        qacc, force = _switched((qacc, force), gaps(model, data), (model, data, mass, rows))
+        generalised = mass @ qacc - data.qfrc_smooth  # Those of rows that are about to act are in it too.
+    else:
+        generalised = rows.jacobian.T @ force
+    forces = with_derivative_of((solved.qfrc_constraint, constraint_rows(solved).force), (generalised, force))
     data = with_constraint_force(data.replace(qacc=qacc, qfrc_constraint=forces[0]), forces[1])
     return mjx.sensor_acc(model, data)
+
+
+def _checkpointed(forward: Callable[[mjx.Model, mjx.Data], mjx.Data]) -> Step:
+    # Reverse mode would store hundreds of small arrays a step. Storing the state and the solver's answer, and computing
+    # the rest again on the way back, is faster, and takes a hundredth of the memory.
+    policy = jax.checkpoint_policies.save_only_these_names(_SOLUTION)
+    return jax.checkpoint(
+        lambda model, data: integrate(model, forward(model, data), forward), policy=policy, prevent_cse=False
+    )
+
+
+STEPS: dict[str, Step] = {
+    "implicit": _checkpointed(forward),
+    "saltation": _checkpointed(functools.partial(forward, saltation=True)),
+    "native": mjx.step,
+}
+"""How a step is differentiated, by name: see `step`."""
 
 
 def _spring_back(model: mjx.Model, data: mjx.Data) -> mjx.Data:
@@ -98,14 +125,34 @@ def _differentiable(
 
 
 def _jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
-    qacc, mass, _, rows = primals
+    solution, parameters = jax.lax.stop_gradient(primals[0]), primals[1:]
+    factors = cho_factor(jax.lax.stop_gradient(_hessian(solution, *parameters)))
+    # One Newton correction carries the first derivative of q, and with it the second one of what is returned. Calling
+    # this function again carries all; but `scan` in reverse mode drops the rule of what it computes on the way
+    # forward, and differentiates the function in its place, which passes its argument on.
+    correction = -cho_solve(factors, _residual(solution, *parameters))
+    qacc = _differentiable(with_derivative_of(solution, solution + correction), *parameters)
+    residual_dot = _jvp_along(functools.partial(_residual, qacc), parameters, tangents[1:])
+    hessian = _hessian(qacc, *parameters)
+    qacc_dot = jax.lax.custom_linear_solve(
+        lambda x: hessian @ x, -residual_dot, lambda _, b: cho_solve(factors, b), symmetric=True
+    )
+    return qacc, qacc_dot
 
-    def residual(mass: Float[Array, "nv nv"], qfrc_smooth: Float[Array, " nv"], rows: Rows) -> Float[Array, " nv"]:
-        return mass @ qacc - qfrc_smooth - rows.jacobian.T @ constraint_force(rows, rows.at(qacc))
 
-    residual_dot = _jvp_along(residual, primals[1:], tangents[1:])
+def _residual(
+    qacc: Float[Array, " nv"], mass: Float[Array, "nv nv"], qfrc_smooth: Float[Array, " nv"], rows: Rows
+) -> Float[Array, " nv"]:
+    return mass @ qacc - qfrc_smooth - rows.jacobian.T @ constraint_force(rows, rows.at(qacc))
+
+
+def _hessian(
+    qacc: Float[Array, " nv"], mass: Float[Array, "nv nv"], qfrc_smooth: Float[Array, " nv"], rows: Rows
+) -> Float[Array, "nv nv"]:
+    """dr/dq, symmetric to the last bit."""
+    del qfrc_smooth
     hessian = mass + constraint_hessian(rows, rows.at(qacc))
-    return qacc, -cho_solve(cho_factor((hessian + hessian.T) / 2), residual_dot)
+    return (hessian + hessian.T) / 2
 
 
 _differentiable.defjvp(_jvp, symbolic_zeros=True)
@@ -122,3 +169,20 @@ def _jvp_along(function: Callable[..., Array], primals: tuple, tangents: tuple) 
         return function(*jax.tree.unflatten(tree, [given.get(i, leaf) for i, leaf in enumerate(leaves)]))
 
     return jax.jvp(of_moving, ([leaves[i] for i in moving],), ([dots[i] for i in moving],))[1]
+
+
+@jax.custom_jvp
+def _switched(moved: tuple[Array, Array], gap: Float[Array, " S"], where: tuple) -> tuple[Array, Array]:
+    """Accelerations and rows' forces as they are, with what switches of limits and contacts add to the derivative."""
+    del gap, where
+    return moved
+
+
+@functools.partial(_switched.defjvp, symbolic_zeros=True)
+def _(primals: tuple, tangents: tuple) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    (qacc, force), gap, (model, data, mass, rows) = primals
+    qacc_dot, force_dot = (jnp.zeros(dot.shape) if isinstance(dot, SymbolicZero) else dot for dot in tangents[0])
+    if not isinstance(tangents[1], SymbolicZero):
+        of_switches = effects(*jax.lax.stop_gradient((model, data, mass, qacc, rows, gap)))
+        qacc_dot, force_dot = qacc_dot + of_switches.qacc @ tangents[1], force_dot + of_switches.force @ tangents[1]
+    return (qacc, force), (qacc_dot, force_dot)

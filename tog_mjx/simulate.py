@@ -7,13 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from tog_mjx import implicit
 from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError
+from tog_mjx.implicit import STEPS
 from tog_mjx.state import state_of
-
-STEPS: dict[str, Callable[[mjx.Model, mjx.Data], mjx.Data]] = {"implicit": implicit.step, "native": mjx.step}
-"""How a step is differentiated: by the implicit function theorem, or as MJX leaves it."""
 
 
 def positions_and_velocities(data: mjx.Data) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
@@ -40,7 +37,7 @@ def simulate(
       model, data: on MJX's JAX implementation. A batch: every array of `data` with a leading axis [B, ...].
       controls: constant [nu], or one row a step [steps, nu]; for a batch also [B, nu] or [B, steps, nu].
       steps: positive number of time steps.
-      differentiation: "implicit" (see `tog_mjx.implicit`) or "native" (stock `mjx.step`).
+      differentiation: "implicit", "saltation" (with the jumps of touch-downs) or "native", see `tog.step`.
       observe: what to record of the data after each step, a pytree of arrays.
       checkpoint: keep the state only every so many steps for reverse mode and recompute the rest: memory falls from
         O(steps) to O(steps / checkpoint + checkpoint), time grows by one forward run. Must divide `steps`.

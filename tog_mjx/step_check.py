@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from tog_mjx._mjx import mjx, put_model
 from tog_mjx.differences import central_differences, halvings
 from tog_mjx.errors import InputError
-from tog_mjx.simulate import STEPS
+from tog_mjx.implicit import STEPS
 from tog_mjx.state import MOVING, default_start, on_mjx
 
 TOLERANCE = 1e-6
@@ -35,6 +35,13 @@ _METHODS: dict[str, tuple[str, Callable, int | None]] = {
     "native, reverse, 1 iteration": ("native", jax.jacrev, 1),
 }
 METHODS = tuple(_METHODS)
+_ORDERS: dict[str, tuple[Callable, Callable]] = {
+    "forward over forward": (jax.jacfwd, jax.jacfwd),
+    "forward over reverse": (jax.jacfwd, jax.jacrev),
+    "reverse over forward": (jax.jacrev, jax.jacfwd),
+}
+ORDERS = tuple(_ORDERS)
+"""Of modes, for second derivatives."""
 
 
 class Verdict(NamedTuple):
@@ -62,15 +69,18 @@ class StepFunction(NamedTuple):
     after: Callable[[Callable, Array], Array]
 
 
-def step_function(model: mujoco.MjModel, iterations: int | None = None) -> StepFunction:
-    """The step of `model` at its `tog_mjx.state.default_start`; `iterations` replaces the solver's number."""
+def step_function(model: mujoco.MjModel, iterations: int | None = None, parameters: bool = True) -> StepFunction:
+    """The step of `model` at its `tog_mjx.state.default_start`; `iterations` replaces the solver's number.
+
+    Without `parameters` it is one of the state and the controls alone.
+    """
     mjx_model = put_model(model)
     if iterations is not None:
         mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(iterations=iterations))
     start = on_mjx(mjx_model, default_start(model))
     state = {name: getattr(start, name) for name in (*MOVING, "ctrl")}
     leaves, tree = jax.tree_util.tree_flatten_with_path(mjx_model)
-    moving = [i for i, (_, leaf) in enumerate(leaves) if leaf.size and leaf.dtype == jnp.zeros(0).dtype]
+    moving = [i for i, (_, leaf) in enumerate(leaves) if parameters and leaf.size and leaf.dtype == jnp.zeros(0).dtype]
     rng = np.random.default_rng(0)
     directions = [_direction(leaves[i][1], rng) for i in moving]
     x, unravel = jax.flatten_util.ravel_pytree((state, jnp.zeros(len(moving))))
@@ -161,6 +171,32 @@ def judge(model: mujoco.MjModel, method: str, expected: Float[np.ndarray, "m n"]
     kinks = tuple(name for name, known in zip(function.names, is_known, strict=True) if not known)
     error = float(column_errors(found, expected)[is_finite & is_known].max())
     return Verdict("right" if error <= TOLERANCE else "wrong", error, nan, kinks)
+
+
+def check_second_order(model: mujoco.MjModel, orders: tuple[str, ...] = ORDERS) -> dict[str, float]:
+    """The largest error of the Hessian of one `tog.step`, by order of modes, relative to its largest entry.
+
+    It is that of a fixed random sum of the next state, in the state and the controls, against differences of its
+    gradient; the Hessian's distance from its own transpose counts as error too. Run it in float64.
+    """
+    function = step_function(model, parameters=False)
+    weights = jnp.asarray(np.random.default_rng(0).normal(size=model.nq + model.nv + model.na))
+
+    def number(x: Array) -> Array:
+        return weights @ function.after(STEPS["implicit"], x)
+
+    gradients = compile_quickly(jax.vmap(jax.jacfwd(number)))
+    differences = central_differences(
+        lambda points: np.asarray(gradients(jnp.asarray(points))), np.asarray(function.x)[None], _STEPS, order=4
+    )
+    expected, errors = differences.jacobian[0], {}
+    for order in orders:
+        outer, inner = _ORDERS[order]
+        found = np.asarray(compile_quickly(outer(inner(number)))(function.x))
+        errors[order] = float(
+            max(np.abs(found - other).max() for other in (expected, found.T)) / np.abs(expected).max()
+        )
+    return errors
 
 
 def compile_quickly(function: Callable) -> Callable:

@@ -13,7 +13,7 @@ with v_n the normal speed, and a_n the normal acceleration of the bodies towards
 
 - A body that crosses the surface at speed has exactly one step in a box as wide as |v_n| dt, wherever steps lie,
   before the surface or behind it. Averaged over where they lie, the jump is counted once, with the force at the surface
-  and with what follows on both sides of the jump: the derivative is that of the saltation matrix, to second order in dt.
+  and with what follows on both sides of the jump: that is the saltation matrix, to second order in dt.
 - A body that hovers at the surface, as MuJoCo's friction lets a sliding contact do, is thrown back by each step of
   contact: it travels a_n dt in one step, however slowly it crosses, and boxes narrower than this kick would be entered
   again and again with ever larger quotients, until gradients explode. Within a box of four kicks the derivative is

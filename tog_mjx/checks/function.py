@@ -11,6 +11,7 @@ from tog_mjx.checks.agreement import agreement, sweep
 from tog_mjx.checks.estimators import compare_estimators, steepest
 from tog_mjx.checks.finding import Finding, Level, Report, Verdict
 from tog_mjx.checks.modes import compare_modes
+from tog_mjx.checks.second_order import second_order as check_second_order
 from tog_mjx.checks.single import judge_single
 from tog_mjx.checks.zeros import zeros
 from tog_mjx.errors import InputError
@@ -22,7 +23,14 @@ DIRECTIONS = 6
 Function = Callable[[Float[Array, " n"]], Array]
 
 
-def check(objective: Function, x: Numbers, *, estimators: bool = False, report: Report | None = None) -> Verdict:
+def check(
+    objective: Function,
+    x: Numbers,
+    *,
+    estimators: bool = False,
+    second_order: bool = False,
+    report: Report | None = None,
+) -> Verdict:
     """Can the gradient of `objective` at x be trusted?
 
     It is run in the precision of JAX's x64 flag as it stands; float64 tells more.
@@ -32,6 +40,7 @@ def check(objective: Function, x: Numbers, *, estimators: bool = False, report: 
       x: the point, a vector [n].
       estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of
         several values, to lower the one whose derivative is largest.
+      second_order: check second derivatives too, of a fixed random sum of several values: what Newton's method uses.
       report: called with a check's name before it runs, and again with its finding.
 
     Raises:
@@ -59,6 +68,8 @@ def check(objective: Function, x: Numbers, *, estimators: bool = False, report: 
         "reverse mode": lambda: _reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }
+    if second_order:
+        checks["second order"] = lambda: check_second_order(flat, point, directions)
     if estimators:
         i = steepest(slopes)
         lowered = lambda z: flat(point + scale * z)[i]  # noqa: E731

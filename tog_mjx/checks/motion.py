@@ -16,7 +16,7 @@ from tog_mjx.batches import call_in_chunks
 from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.tangents import in_velocity_space, state_basis
 from tog_mjx.constraints import constraint_force, constraint_hessian, read_rows
-from tog_mjx.simulate import STEPS
+from tog_mjx.implicit import STEPS
 from tog_mjx.state import MOVING, STATE, state_of
 from tog_mjx.step_check import compile_quickly
 

@@ -13,8 +13,8 @@ from jaxtyping import Array
 
 from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.errors import InputError
+from tog_mjx.implicit import STEPS
 from tog_mjx.scene import Scene
-from tog_mjx.simulate import STEPS
 from tog_mjx.state import state_of
 from tog_mjx.types import Box, Fingers, Setpoints
 
