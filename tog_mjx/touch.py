@@ -25,15 +25,18 @@ Sources: saltation matrices: Aizerman and Gantmakher 1958; Kong et al. 2024.
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from tog_mjx.types import Scalar
+from tog_mjx.types import AnyArray, Scalar
 
 KICKS = 4.0
 """Width of the box, in distances by which one time step of the contact's force moves the bodies. With 2, gradients
 through contacts that hover are bounded too, but up to ten times too large; with 8 the smoothing shows."""
 
 
-def box_width(normal_speed: Scalar, normal_acceleration: Scalar, timestep: Scalar | float) -> Scalar:
+def box_width(
+    normal_speed: Float[AnyArray, "*s"], normal_acceleration: Float[AnyArray, "*s"], timestep: Scalar | float
+) -> Float[Array, "*s"]:
     """w [m] from v_n [m/s], a_n [m/s^2] and dt [s], each of any sign. Its own gradient is not taken."""
     travel, kick = jnp.abs(normal_speed) * timestep, jnp.abs(normal_acceleration) * timestep**2
     return jax.lax.stop_gradient(jnp.maximum(travel, KICKS * kick))
