@@ -5,7 +5,9 @@ physical parameter does not compile again, and always the same number of setpoin
 """
 
 import contextlib
+import gc
 import io
+import os
 import runpy
 import signal
 import sys
@@ -18,7 +20,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 from tog_mjx.console import enable_compilation_cache, run_main
 from tog_mjx.rollout import Trajectory, final_cost, trajectory
@@ -29,15 +31,43 @@ from tog_mjx.xla_flags import tune_compiler
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 1)  # Whichever script a test starts first.
 enable_compilation_cache()
-tune_compiler()  # As scripts do.
+# Most of what is compiled here runs a few times: LLVM's optimisation would take longer than it saves. XLA_FLAGS wins, and
+# scripts that tests start inherit it.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+tune_compiler()  # As scripts do, and so is the collector of garbage set.
+gc.set_threshold(100_000)
 # The first example of a test compiles; a machine's speed is no property of the code.
-settings.register_profile("tog_mjx", deadline=None, derandomize=True)
+settings.register_profile(
+    "tog_mjx", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow]
+)
 settings.load_profile("tog_mjx")
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # As in a shell's background job: scripts would inherit it.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 POINTS = 64
+ALONE = ("test_check_scene", "test_features")
+"""Files whose tests share nothing that is compiled."""
+LONGEST = ("compiled", *ALONE, "test_mjx", "test_penalty", "test_check_function", "test_random_states")
+"""Groups of tests that begin first, so that all processes end together."""
+
+
+@pytest.hookimpl(tryfirst=True)  # Before pytest-xdist reads the marks.
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that share what is compiled run in one process: those of a file, and those of `compiled` and one task."""
+
+    def group(item: pytest.Item) -> str:
+        is_shared = "compiled" in getattr(item, "fixturenames", ())
+        return f"compiled {item.callspec.params['compiled']}" if is_shared else item.path.stem  # type: ignore[attr-defined]
+
+    def rank(item: pytest.Item) -> int:
+        name = group(item).partition(" ")[0]
+        return LONGEST.index(name) if name in LONGEST else len(LONGEST)
+
+    items.sort(key=rank)
+    for item in items:
+        if group(item) not in ALONE:
+            item.add_marker(pytest.mark.xdist_group(group(item)))
 
 
 class Compiled(NamedTuple):

@@ -3,6 +3,7 @@
 The derivative is in state, controls and every parameter of the model; see `tog_mjx.step_check`.
 """
 
+import functools
 from pathlib import Path
 
 import jax
@@ -25,10 +26,15 @@ def load(name: str) -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_path(str(Path(__file__).parent / "scenes" / f"{name}.xml"))
 
 
+@functools.cache
+def differences(name: str) -> tuple[np.ndarray, np.ndarray]:
+    return reference(step_function(load(name)))
+
+
 @pytest.mark.parametrize("name", [path.stem for path in SCENES])
 def test_the_value_is_mjxs_and_the_derivative_is_that_of_differences(name):
     function = step_function(load(name))
-    value, expected = reference(function)
+    value, expected = differences(name)
     is_unsafe = np.array([name in UNSAFE_POWER for name in function.names])
     # Along all numbers at once but the unsafe ones, and along each of those alone.
     random = np.random.default_rng(0).normal(size=function.x.size) * ~is_unsafe
@@ -36,12 +42,10 @@ def test_the_value_is_mjxs_and_the_derivative_is_that_of_differences(name):
 
     @compile_quickly
     def differentiate(x, directions):
-        def after(x):
-            return function.after(tog.step, x)
-
-        found, pull = jax.vjp(after, x)
-        forward = jax.vmap(lambda direction: jax.jvp(after, (x,), (direction,))[1])(directions)
-        return found, jax.vmap(lambda row: pull(row)[0])(jnp.eye(found.size)), forward
+        # Forward mode, and reverse mode as JAX makes it of that: its transpose.
+        found, push = jax.linearize(functools.partial(function.after, tog.step), x)
+        pull = jax.linear_transpose(push, x)
+        return found, jax.vmap(lambda row: pull(row)[0])(jnp.eye(found.size)), jax.vmap(push)(directions)
 
     found, reverse, forward = map(np.asarray, differentiate(function.x, directions))
     np.testing.assert_allclose(found, value, rtol=0, atol=1e-12)
@@ -62,8 +66,7 @@ def test_in_single_precision_the_value_is_mjxs(name):
 
 
 def test_what_stock_mjx_makes_of_rotation_at_rest_and_of_reverse_mode():
-    model = load("collision")
-    _, expected = reference(step_function(model))
+    model, (_, expected) = load("collision"), differences("collision")
     stock = judge(model, "native, forward", expected)
     assert stock.word == "wrong"
     assert (stock.error or 0) > 1e-4
@@ -79,14 +82,14 @@ def test_mass_moves_no_inverse_weight_but_both_together_are_the_recompiled_model
     def compiled(mass: float) -> mjx.Model:
         return mjx.put_model(mujoco.MjModel.from_xml_string(xml.format(mass)))
 
-    @jax.jit
+    @compile_quickly
+    @functools.partial(jax.value_and_grad, allow_int=True)
     def speed(model: mjx.Model) -> jax.Array:
         return tog.step(model, mjx.make_data(model).replace(qvel=jnp.array([-0.5]))).qvel[0]
 
     h = 1e-4
-    recompiled = (speed(compiled(mass + h)) - speed(compiled(mass - h))) / (2 * h)
-    model = compiled(mass)
-    gradient = jax.jit(jax.grad(speed, allow_int=True))(model)
+    recompiled = (speed(compiled(mass + h))[0] - speed(compiled(mass - h))[0]) / (2 * h)
+    _, gradient = speed(compiled(mass))
     of_mass, of_weight = gradient.body_mass[1], gradient.body_invweight0[1, 0]
     assert abs(of_mass - recompiled) > 0.1 * abs(of_mass)
     np.testing.assert_allclose(of_mass - of_weight / mass**2, recompiled, rtol=1e-6, atol=1e-9)
@@ -97,15 +100,23 @@ def test_the_spring_of_a_tendon_at_its_rest_length_has_its_derivative():
     xml = """<mujoco><worldbody><body><joint name="hinge"/><geom size="0.1" pos="0.3 0 0"/></body></worldbody>
       <tendon><fixed stiffness="5" {}><joint joint="hinge" coef="2"/></fixed></tendon></mujoco>"""
 
-    def slope(forward, spring: str) -> float:
-        model = mjx.put_model(mujoco.MjModel.from_xml_string(xml.format(spring)), impl="jax")
+    def compiled(forward):
+        @compile_quickly
+        def slope(model: mjx.Model) -> tuple[jax.Array, jax.Array]:
+            def force(angle):
+                return forward(model, mjx.make_data(model).replace(qpos=angle[None])).qfrc_passive[0]
 
-        def force(angle):
-            return forward(model, mjx.make_data(model).replace(qpos=angle[None])).qfrc_passive[0]
+            return jax.jvp(force, (0.0,), (1.0,))
 
-        assert float(force(jnp.array(0.0))) == 0
-        return float(jax.jacfwd(force)(jnp.array(0.0)))
+        return slope
 
-    assert slope(mjx.forward, "") == 0
-    assert slope(implicit.forward, "") == slope(implicit.forward, 'springlength="0"') == -20
-    assert slope(implicit.forward, 'springlength="-0.1 0.1"') == 0  # In the middle of a dead band.
+    def slope(compiled, spring: str) -> float:
+        model = mujoco.MjModel.from_xml_string(xml.format(spring))
+        force, found = map(float, compiled(mjx.put_model(model, impl="jax")))
+        assert force == 0
+        return found
+
+    stock, ours = compiled(mjx.forward), compiled(implicit.forward)
+    assert slope(stock, "") == 0
+    assert slope(ours, "") == slope(ours, 'springlength="0"') == -20
+    assert slope(ours, 'springlength="-0.1 0.1"') == 0  # In the middle of a dead band.
