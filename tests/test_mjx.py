@@ -14,7 +14,7 @@ from states import KINDS, draw_state
 
 from tog_mjx import implicit
 from tog_mjx._mjx import check_version, mjx
-from tog_mjx.rollout import final_cost, rollout, trajectory
+from tog_mjx.rollout import final_cost, rollout
 from tog_mjx.scene import load_scene, scene_path
 from tog_mjx.simulators import MjxSimulator, make_simulator
 from tog_mjx.tasks import get_task

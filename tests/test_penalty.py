@@ -30,11 +30,20 @@ class PlanarArrays(NamedTuple):
     fingers: AnyArray
 
 
+@jax.jit
+def step(simulator: PenaltySimulator, state, setpoints):
+    return simulator.step(state, setpoints)
+
+
+@jax.jit
+def observed_step(simulator: PenaltySimulator, box, fingers, setpoints):
+    return simulator.observe(simulator.step(simulator.init(box, fingers), setpoints))
+
+
 def after(simulator: PenaltySimulator, box, fingers, setpoints, steps: int):
     state = simulator.init(jnp.asarray(box, float), jnp.asarray(fingers, float))
-    step = jax.jit(simulator.step)
     for _ in range(steps):
-        state = step(state, jnp.asarray(setpoints, float))
+        state = step(simulator, state, jnp.asarray(setpoints, float))
     return PlanarArrays(*simulator.observe(state))
 
 
@@ -129,12 +138,8 @@ def test_one_step_is_differentiated_right_in_both_modes(friction, kind):
     simulator = PenaltySimulator.from_scene(SCENE, friction)
     box, fingers = draw_state(kind, SCENE.physics, 7)
 
-    @jax.jit
-    def step(box, fingers, setpoints):
-        return simulator.observe(simulator.step(simulator.init(box, fingers), setpoints))
-
     def numpy_step(*args):
-        return tuple(step(*map(jnp.asarray, args)))
+        return tuple(observed_step(simulator, *map(jnp.asarray, args)))
 
     args = (jnp.array(box), jnp.array(fingers), jnp.array([-0.1, 0.3, 0.2, 0.4]))
     check_grads(numpy_step, args, order=1, modes=["fwd", "rev"], eps=EPS, rtol=1e-6, atol=1e-6)

@@ -93,7 +93,8 @@ def test_the_derivative_of_a_step(model, seed):
             after = tog.step(mjx_model, data)
             return weight @ jnp.concatenate([after.qpos, after.qvel])
 
-        return *jax.jvp(at, (0.0,), (1.0,)), jax.grad(at)(0.0)
+        value, push = jax.linearize(at, 0.0)
+        return value, push(1.0), jax.linear_transpose(push, 0.0)(1.0)[0]
 
     value, forward, reverse = map(np.asarray, compile_quickly(jax.vmap(both_modes))(x))
     np.testing.assert_allclose(value, step_in_c(model, x) @ weight, rtol=0, atol=1e-6)  # To what two solvers stop at.
