@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from xdist.scheduler import LoadScopeScheduling
 
 from tog_mjx.console import enable_compilation_cache, run_main
 from tog_mjx.rollout import Trajectory, final_cost, trajectory
@@ -44,28 +45,28 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # As in a shell's backgro
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 POINTS = 64
+TOGETHER = ("test_agreement", "test_mjx", "test_released")
+"""Files whose tests share `compiled`."""
 ALONE = ("test_check_scene", "test_features")
 """Files whose tests share nothing that is compiled."""
-LONGEST = ("compiled", *ALONE, "test_mjx", "test_penalty", "test_check_function", "test_random_states")
-"""Groups of tests that begin first, so that all processes end together."""
+LONGEST = (*TOGETHER, *ALONE, "test_penalty", "test_check_function", "test_random_states")
+"""Files that begin first, so that all processes end together."""
 
 
-@pytest.hookimpl(tryfirst=True)  # Before pytest-xdist reads the marks.
+class Groups(LoadScopeScheduling):
+    """Tests that share what is compiled run in one process: those of a file, or of several."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        name = Path(nodeid.partition("::")[0]).stem
+        return nodeid if name in ALONE else TOGETHER[0] if name in TOGETHER else name
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log) -> LoadScopeScheduling:
+    return Groups(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that share what is compiled run in one process: those of a file, and those of `compiled` and one task."""
-
-    def group(item: pytest.Item) -> str:
-        is_shared = "compiled" in getattr(item, "fixturenames", ())
-        return f"compiled {item.callspec.params['compiled']}" if is_shared else item.path.stem  # type: ignore[attr-defined]
-
-    def rank(item: pytest.Item) -> int:
-        name = group(item).partition(" ")[0]
-        return LONGEST.index(name) if name in LONGEST else len(LONGEST)
-
-    items.sort(key=rank)
-    for item in items:
-        if group(item) not in ALONE:
-            item.add_marker(pytest.mark.xdist_group(group(item)))
+    items.sort(key=lambda item: LONGEST.index(item.path.stem) if item.path.stem in LONGEST else len(LONGEST))
 
 
 class Compiled(NamedTuple):
