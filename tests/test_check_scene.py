@@ -54,6 +54,10 @@ def test_the_gallery_gets_its_verdicts(scene):
         assert scene["check"] in named
     if verdict.level == Level.FAULT:
         assert verdict.reason == next(some for some in verdict.findings if some.check == scene["check"]), verdict.line
+    for words in scene.get("words", ()):
+        assert words in verdict.line
+        # What no time step mends.
+        assert not any("timestep" in some.remedy or "time step" in some.remedy for some in verdict.findings)
     validate_verdict(verdict.as_json())
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 from tog_mjx.checks.agreement import agreement, sweep
 from tog_mjx.checks.estimators import compare_estimators, steepest
 from tog_mjx.checks.finding import Finding, Level, Report, Verdict
+from tog_mjx.checks.jumps import find_jumps, judge_jumps
 from tog_mjx.checks.modes import compare_modes
 from tog_mjx.checks.second_order import second_order as check_second_order
 from tog_mjx.checks.single import judge_single
@@ -60,11 +61,17 @@ def check(
     value, slopes = forward(flat, point, directions)
     outputs = tuple(f"y[{i}]" for i in range(value.size))
     batch = jax.jit(jax.vmap(flat))
-    differences = sweep(lambda points: np.asarray(batch(points)), point, directions)
+    values = lambda points: np.asarray(batch(points))  # noqa: E731
+    differences = sweep(values, point, directions)
+
+    def agrees() -> Finding:
+        jumps = find_jumps(values, point, directions, differences)
+        return judge_jumps(agreement(slopes, differences), slopes, jumps, names, outputs)
+
     checks: dict[str, Callable[[], Finding]] = {
         "finite": lambda: _finite(value, slopes),
         "zeros": lambda: zeros(slopes, differences, names, outputs),
-        "agreement": lambda: agreement(slopes, differences),
+        "agreement": agrees,
         "reverse mode": lambda: _reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }

@@ -13,14 +13,16 @@ from tog_mjx.checks.agreement import agreement, sweep
 from tog_mjx.checks.cost import cost
 from tog_mjx.checks.estimators import compare_estimators, steepest
 from tog_mjx.checks.failure import failure
-from tog_mjx.checks.finding import Finding, Report, Verdict
+from tog_mjx.checks.finding import Finding, Level, Report, Verdict
 from tog_mjx.checks.function import directions_at
+from tog_mjx.checks.jumps import find_jumps, judge_jumps, lacks
 from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
 from tog_mjx.checks.parity import parity
 from tog_mjx.checks.preflight import preflight
 from tog_mjx.checks.scene_function import Cost, SceneFunction, default_wrt
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
+from tog_mjx.checks.touch_down import touch_down
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
 from tog_mjx.checks.zeros import zeros
 from tog_mjx.errors import InputError
@@ -114,8 +116,14 @@ def _checks(
     unreached = lambda: untouched(simulation, motion)  # noqa: E731
     yield "zeros", lambda: zeros(motion.slopes, differences, names, scene.outputs, scene.bodies, unreached)
     yield "growth", lambda: growth(simulation, motion)  # Before what it is the cause of.
-    yield "agreement", lambda: agreement(motion.slopes, differences)
-    yield "time step", lambda: time_step(simulation, motion)
+    jumps = find_jumps(simulation.values, np.zeros(n), simulation.directions, differences)
+    where = lambda some: touch_down(simulation, *some.sides)  # noqa: E731
+    plain = lambda: agreement(motion.slopes, differences)  # noqa: E731
+    yield "agreement", lambda: judge_jumps(plain(), motion.slopes, jumps, names, scene.outputs, where)
+    if lacks(motion.slopes, jumps):
+        yield "time step", lambda: Finding("time step", Level.FINE, "not halved: no time step mends 'agreement'")
+    else:
+        yield "time step", lambda: time_step(simulation, motion)
     yield "contacts", lambda: contacts(simulation, motion)
     yield "stiffness", lambda: stiffness(simulation, motion)
     yield "parity", lambda: parity(simulation, motion)
