@@ -42,7 +42,7 @@ def with_jumps(slope):
         (lambda x: jnp.tanh(1e4 * x[0]), 0.0, Level.CARE, "over steps of up to 3e-05 only"),
         (lambda x: jnp.floor(3 * x[0]) + x[0], 0.6, Level.CARE, "the function jumps within 0.1"),
         (lambda x: jnp.abs(x[0]) + 2 * x[0], 0.0, Level.CARE, "kink"),
-        (lambda x: x[0] + 3e-4 * jnp.sin(3000 * x[0]), 0.3005, Level.CARE, "differences settle twice"),
+        (lambda x: x[0] + 3e-3 * jnp.sin(300 * x[0]), 0.3005, Level.CARE, "differences settle twice"),
         (lambda x: jnp.sin(x[0]), 0.3, Level.FINE, "no check found a fault"),
         (lambda x: jnp.sin(30 * x[0]) + x[0], 0.3, Level.FINE, "no check found a fault"),
         (lambda x: jnp.exp(30 * x[0]), 0.3, Level.FINE, "no check found a fault"),

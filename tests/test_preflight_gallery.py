@@ -35,7 +35,7 @@ def test_the_gallery_is_complete_and_its_sound_scenes_have_no_remark():
         ("kink_at_touch.xml", "they touch exactly", "kink_at_touch.xml:10"),
         ("control_at_limit.xml", "another derivative to either side", "control_at_limit.xml:8"),
         ("saturated_control.xml", "the derivative in the control is zero", "saturated_control.xml:8"),
-        ("box_on_plane.xml", "MJX chooses its points", "box_on_plane.xml:8"),
+        ("box_on_plane.xml", "MJX chooses its points", "box_on_plane.xml:11"),
         ("far_from_origin.xml", "body ball is 1e+06 m from the origin", "far_from_origin.xml:8"),
         ("unsupported.xml", "the collision of geom pole (cylinder)", "unsupported.xml:6"),
     ],

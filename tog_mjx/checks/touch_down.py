@@ -15,9 +15,6 @@ from tog_mjx.supported import name_of
 
 NOTHING = 1e-9
 """Distance of two states that counts as none: the variables to either side of a jump differ by ten times as much."""
-_CONTACTS = {
-    int(getattr(mujoco.mjtConstraint, f"mjCNSTR_CONTACT_{name}")) for name in ("FRICTIONLESS", "PYRAMIDAL", "ELLIPTIC")
-}
 _LIMITS = {
     int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT): "joint",
     int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON): "tendon",
@@ -46,7 +43,7 @@ def touch_down(simulation: Simulation, before: Float[np.ndarray, " n"], after: F
 
 
 class _Side:
-    """The motion at a displacement, on MJX, and what acts in its states, by C MuJoCo."""
+    """The motion at a displacement, and what acts in its states."""
 
     def __init__(self, simulation: Simulation, x: np.ndarray):
         self.simulation = simulation
@@ -62,20 +59,20 @@ class _Side:
         return self.simulation.run(self.model, steps, {**self.start, **state})
 
     def acting(self, motion: Motion, sample: int) -> Counter[str]:
-        """Contacts and limits that have a force in the step from a sample on, by name."""
-        state = {name: motion.states[name][sample] for name in STATE}
-        data = copy_of(self.c_model, self.simulation.scene.start, **state)
-        mujoco.mj_fwdPosition(self.c_model, data)
-        rows = set(zip(data.efc_type.tolist(), data.efc_id.tolist(), strict=True))
-        return Counter(name for kind, i in rows if (name := self._name(data, kind, i)))
-
-    def _name(self, data: mujoco.MjData, kind: int, i: int) -> str:
+        """Contacts (those of MJX) and limits that have a force in the step from a sample on, by name."""
         model = self.c_model
-        if kind in _CONTACTS:
-            return " and ".join(
-                f"geom {name_of(model, 'geom', geom)}" for geom in sorted(data.contact.geom[i].tolist())
-            )
-        return f"{_LIMITS[kind]} {name_of(model, _LIMITS[kind], i)} and its limit" if kind in _LIMITS else ""
+        state = {name: motion.states[name][sample] for name in STATE}
+        one = self.run(1, motion, sample)
+        names = [
+            " and ".join(f"geom {name_of(model, 'geom', geom)}" for geom in pair)
+            for pair in one.geoms[one.distance < 0].tolist()
+        ]
+        data = copy_of(model, self.simulation.scene.start, **state)
+        mujoco.mj_fwdPosition(model, data)
+        for row, i in zip(data.efc_type.tolist(), data.efc_id.tolist(), strict=True):
+            if kind := _LIMITS.get(row):
+                names.append(f"{kind} {name_of(model, kind, i)} and its limit")
+        return Counter(names)
 
 
 def _distances(a: Motion, b: Motion) -> Float[np.ndarray, " S"]:
