@@ -56,3 +56,11 @@ def test_where_the_paper_lifts_the_box_autodiff_and_the_landscape_disagree(study
     smoothed = np.array([0.014, 0.029])
     assert np.linalg.norm(truth[0, 0] - smoothed) < 4 * noise[0, 0] * np.linalg.norm(smoothed)
     assert noise[0, 0] < 0.25
+
+
+def test_over_many_jumps_the_gradient_with_the_jumps_is_the_slope(study):
+    with precision("penalty"):
+        at = study["points"]("grasp")[0]
+        found = study["across"](at)
+    np.testing.assert_allclose(at, (0.274, 0.540), rtol=0, atol=5e-4)
+    np.testing.assert_allclose([found["J"], found["saltation"], found["autodiff"]], (-0.057, -0.047, -0.002), atol=5e-4)

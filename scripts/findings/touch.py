@@ -30,6 +30,8 @@ GRADIENTS = {"autodiff": "native", "saltation": "saltation"}
 POINTS, PAIRS, SIGMAS = 50, 2**12, (0.001, 0.003, 0.01)
 SIGMA = 0.003
 """Of the figures [m]."""
+LENGTHS = (0.0003, 0.001, 0.003, 0.01, 0.03)
+"""Over which J is smoothed where the box is lifted [m]."""
 RESOLVED, FLAT = 0.1, 1e-6
 """A smoothed gradient whose relative standard error is less, and that is longer [1/m], is a reference."""
 LIFTING = 46
@@ -51,8 +53,12 @@ def main() -> None:
         if not args.figures:
             found = pd.concat([slopes(task, points(task)) for task in ("flip", "grasp")])
             found.to_csv(args.out / "touch.csv", index=False, float_format="%.6g")
+            at = lifting_point()[None]
+            print(f"iterate {LIFTING} of the grasp {at}: {gradients('grasp', at)}")
+            print(f"smoothed over {LENGTHS} m, relative errors: {smoothed('grasp', at, LENGTHS, 4 * PAIRS)}\n")
         table = pd.read_csv(args.out / "touch.csv")
         print(summary(table).to_string(index=False))
+        print(f"\ngrasp, dJ/dx over 30 cm about {points('grasp')[0]}: {across(points('grasp')[0])}")
         draw_flip(args.out / "touch_flip.png", table)
         draw_grasp(args.out / "touch_grasp.png")
 
@@ -143,6 +149,15 @@ def lifting_point() -> Point:
     return u[:2]
 
 
+def across(at: Point, reach: float = 0.15, number: int = 50) -> dict[str, float]:
+    """The grasp's slope in x from one end of a line to the other, and the means of both derivatives along it."""
+    x = at[0] + reach * np.linspace(-1, 1, number)
+    line = np.stack([x, np.full(number, at[1])], axis=1)
+    J = map_points(jax.vmap(cost("grasp")), line)
+    means = {name: float(g[:, 0].mean()) for name, g in gradients("grasp", line).items()}
+    return {"J": float((J[-1] - J[0]) / (2 * reach)), **means}
+
+
 def draw_flip(path: Path, table: pd.DataFrame) -> None:
     """The flip's landscape where autodiff errs as much as at half of the setpoints, and where it errs most."""
     some = table[(table.task == "flip") & (table.sigma == SIGMA)]
@@ -194,7 +209,7 @@ def _draw_line(axes: Axes, task: str, at: Point, reach: tuple[float, float], ste
     for (name, slope), look in zip(slopes.items(), LOOKS, strict=True):
         axes.plot(along * 1e3, here + slope @ down * along, label=name, **look)
     axes.plot(0, here, **GUESS | {"label": None, "color": "#1b1b1b", "marker": "o"})
-    axes.set_xlabel("setpoint along autodiff's way down (mm)")
+    axes.set_xlabel("along autodiff's descent (mm)")
     return found["autodiff"]
 
 
