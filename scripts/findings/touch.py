@@ -2,7 +2,7 @@
 
 Both gradients of J on `penalty`, over the window of each task's landscape (so on the grasp of mirrored setpoints),
 against that of J smoothed by normal perturbations: at random setpoints (`touch.csv`, a row each), and along two lines
-(`touch_flip.png`, `touch_grasp.png`). Takes a minute or two on two cores; `--figures` makes the figures alone.
+(`touch_flip.png`, `touch_grasp.png`). Takes a few minutes on two cores; `--figures` makes the figures alone.
 """
 
 from argparse import ArgumentParser
@@ -185,7 +185,7 @@ def draw_grasp(path: Path) -> None:
         near, far = figure.subplots(1, 2)
         gradient = _draw_line(near, "grasp", at, (-0.002, 0.002), 1e-5)
         # A finger's share of the gradient of mirrored setpoints is half of it.
-        step = task.exact.step_size * np.linalg.norm(gradient) / 2
+        step = task.exact.step_size * float(np.linalg.norm(gradient)) / 2
         _draw_line(far, "grasp", at, (-0.02, step), 1e-4)
         after = cost("grasp")(at - step * gradient / np.linalg.norm(gradient))
         far.plot(step * 1e3, after, label=f"iterate {LIFTING + 1}", **BEST, color="#1b1b1b")
