@@ -45,8 +45,8 @@ def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Calla
     Args:
       task: "flip", "grasp" or a Task.
       simulator: "mjx" (option `differentiation="implicit" | "saltation" | "native"`), "penalty" (options
-        `friction="mujoco" | "paper"` and `differentiation="native" | "saltation"`) or "released" (option `mended`, one quirk out of
-        `tog_mjx.simulators.released.MENDED`).
+        `friction="mujoco" | "paper"` and `differentiation="native" | "saltation"`) or "released" (option
+        `mended`, one quirk out of `tog_mjx.simulators.released.MENDED`).
 
     Its precision is that of JAX's x64 flag at the call. Equal calls share one compiled function.
 
