@@ -61,7 +61,7 @@ def preflight(
         None.
       wrt: the variables of the derivative ("ctrl", "geom_friction[1, 0]", ...): some features spoil those in one field,
         or in one number of it, alone.
-      differentiation: "implicit" or "native", see `tog_mjx.simulate`.
+      differentiation: "implicit", "saltation" or "native", see `tog.step`.
 
     Raises:
       InputError: for a `wrt` that is not in the scene.

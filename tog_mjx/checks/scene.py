@@ -106,8 +106,9 @@ def _checks(
 ) -> Iterator[tuple[str, Callable[[], Finding]]]:
     """What to run, in the order of what spoils most. Nothing else means anything where the gradient is not finite."""
     yield "finite", lambda: finite(motion)
+    has_rival = simulation.scene.differentiation != "saltation"  # Stock MJX has no gradient with jumps.
     if not np.isfinite(motion.slopes).all():
-        if not quick:
+        if has_rival and not quick:
             yield "differentiation", lambda: differentiation(simulation, motion)
         return
     yield "solver", lambda: solver(simulation, motion)
@@ -131,7 +132,8 @@ def _checks(
         return
     yield "precision", lambda: precision(simulation, motion)
     yield "reverse mode", lambda: reverse(simulation, motion)
-    yield "differentiation", lambda: differentiation(simulation, motion)
+    if has_rival:
+        yield "differentiation", lambda: differentiation(simulation, motion)
     yield "cost", lambda: cost(simulation)
 
 

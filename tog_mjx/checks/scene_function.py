@@ -36,7 +36,7 @@ class SceneFunction:
         number of it, as in "ctrl[0]" or "geom_friction[2, 0]".
       output: "qpos", "qvel", or the name of a site, whose position counts; or one number of it; or a function of the
         last `mjx.Data`, with body, geom and site poses of the last positions, that returns a number.
-      differentiation: "implicit" or "native", see `tog_mjx.simulate`.
+      differentiation: "implicit", "saltation" or "native", see `tog.step`.
     """
 
     model: mujoco.MjModel
