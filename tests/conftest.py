@@ -7,7 +7,6 @@ physical parameter does not compile again, and always the same number of setpoin
 import contextlib
 import gc
 import io
-import os
 import runpy
 import signal
 import sys
@@ -32,9 +31,6 @@ from tog_mjx.xla_flags import tune_compiler
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 1)  # Whichever script a test starts first.
 enable_compilation_cache()
-# Most of what is compiled here runs a few times: most of LLVM's optimisation would take longer than it saves. XLA_FLAGS
-# wins, and scripts that tests start inherit it. Level 0 computes wrong numbers, see `tog_mjx.step_check`.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 tune_compiler()  # As scripts do, and so is the collector of garbage set.
 gc.set_threshold(100_000)
 # The first example of a test compiles; a machine's speed is no property of the code.
