@@ -181,7 +181,9 @@ def _switched(moved: tuple[Array, Array], gap: Float[Array, " S"], where: tuple)
 @functools.partial(_switched.defjvp, symbolic_zeros=True)
 def _(primals: tuple, tangents: tuple) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     (qacc, force), gap, (model, data, mass, rows) = primals
-    qacc_dot, force_dot = (jnp.zeros(dot.shape) if isinstance(dot, SymbolicZero) else dot for dot in tangents[0])
+    qacc_dot, force_dot = (
+        jnp.zeros(dot.shape, dot.dtype) if isinstance(dot, SymbolicZero) else dot for dot in tangents[0]
+    )
     if not isinstance(tangents[1], SymbolicZero):
         of_switches = effects(*jax.lax.stop_gradient((model, data, mass, qacc, rows, gap)))
         qacc_dot, force_dot = qacc_dot + of_switches.qacc @ tangents[1], force_dot + of_switches.force @ tangents[1]
