@@ -95,6 +95,16 @@ def masked(rows: Rows, keep: Bool[Array, " nefc"]) -> Rows:
     )
 
 
+def some_of(which: Bool[Array, " nefc"], rows: Rows, others: Rows) -> Rows:
+    """Some of the rows from one set, and the rest from another one."""
+    return dataclasses.replace(
+        others,
+        jacobian=jnp.where(which[:, None], rows.jacobian, others.jacobian),
+        reference=jnp.where(which, rows.reference, others.reference),
+        D=jnp.where(which, rows.D, others.D),
+    )
+
+
 def constraint_force(rows: Rows, x: Float[Array, " nefc"]) -> Float[Array, " nefc"]:
     """The force [nefc] of all rows at x = J q - a_ref. At a kink its gradient is that of one side, or between both."""
     scalar, elliptic = _split(rows)

@@ -1,7 +1,7 @@
 """What touch-downs and partings add to the derivative of a step of MJX: `tog_mjx.touch` for MuJoCo's constraints.
 
 A limit or a contact acts while its gap is negative. Of those within the box of their switch, with the force f_c that
-acts now, or would act where the gap is still open, the acceleration moves by
+would act if they were at the surface, the acceleration moves by
 
     dq = H^-1 J_c^T f_c ds_c,    ds_c = -d(gap_c) / w_c,    H = M - J^T (df/dx) J of all other rows.
 
@@ -18,7 +18,7 @@ from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
 from tog_mjx._mjx import contacts, mjx, with_margins, with_rows
-from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, masked, read_rows
+from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, masked, read_rows, some_of
 from tog_mjx.safe import safe_norm
 from tog_mjx.touch import box_width
 
@@ -63,9 +63,10 @@ def effects(
     """
     normals, owns = map(jnp.asarray, _normals(model, rows))
     open_ = gap >= 0
-    # Rows that are open are masked in MJX: all are made, as if they touched just now.
-    closed_data = _closed(model, data, gap, open_)
-    closed = read_rows(model, closed_data)
+    # As if all touched just now: in MJX, rows that are open are masked, and those that act do so at the depth reached.
+    surface_data = _at_surface(model, data, gap)
+    surface = read_rows(model, surface_data)
+    closed = some_of(owns.T @ open_ > 0, surface, rows)
     force = constraint_force(closed, closed.at(qacc))
     normal = normals @ closed.jacobian
     pushed = cho_solve(cho_factor(mass), normal.T)
@@ -79,12 +80,9 @@ def effects(
 
     def found() -> Effects:
         is_near = owns.T @ near > 0
-        with_all = masked(closed, ~(owns.T @ (open_ & ~near) > 0))
-        solved = jax.lax.cond(
-            (near & open_).any(),
-            lambda: mjx.solve(model, with_rows(closed_data, with_all.jacobian, with_all.reference, with_all.D)).qacc,
-            lambda: qacc,
-        )
+        # The force at the surface on both sides of it: at the depth reached it would err to one side.
+        with_all = some_of(is_near, surface, rows)
+        solved = mjx.solve(model, with_rows(surface_data, with_all.jacobian, with_all.reference, with_all.D)).qacc
         force = constraint_force(with_all, with_all.at(solved))
         without = masked(rows, ~is_near)
         x = without.at(qacc)
@@ -99,11 +97,11 @@ def effects(
     return jax.lax.cond(near.any(), found, lambda: nothing)
 
 
-def _closed(model: mjx.Model, data: mjx.Data, gap: Float[Array, " S"], open_: Array) -> mjx.Data:
-    """The data with all rows, those that are open made to touch by a larger margin."""
+def _at_surface(model: mjx.Model, data: mjx.Data, gap: Float[Array, " S"]) -> mjx.Data:
+    """The data with the rows of limits and contacts that all touch just now, by margins as large as their gaps."""
     ball, plain = _limited_joints(model)
     tendons, order = _limited_tendons(model), np.concatenate([ball, plain])
-    wider = jnp.where(open_, gap + jnp.finfo(gap.dtype).eps ** 0.5, 0.0)
+    wider = gap + jnp.finfo(gap.dtype).eps ** 0.5
     joint, tendon = len(order), len(tendons)
     return with_margins(
         model,
