@@ -101,7 +101,7 @@ def _at_surface(model: mjx.Model, data: mjx.Data, gap: Float[Array, " S"]) -> mj
     """The data with the rows of limits and contacts that all touch just now, by margins as large as their gaps."""
     ball, plain = _limited_joints(model)
     tendons, order = _limited_tendons(model), np.concatenate([ball, plain])
-    wider = gap + jnp.finfo(gap.dtype).eps ** 0.5
+    wider = gap + jnp.finfo(gap.dtype).eps ** 0.75
     joint, tendon = len(order), len(tendons)
     return with_margins(
         model,
