@@ -1,5 +1,6 @@
 """The jumps of touch-downs on MJX: the same in both modes, batched or not, with checkpoints, in float32; and finite."""
 
+import functools
 from pathlib import Path
 
 import jax
@@ -10,19 +11,20 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx._mjx import make_data, put_model
-from tog_mjx.step_check import compile_quickly
+from tog_mjx.implicit import STEPS
+from tog_mjx.step_check import compile_quickly, step_function
+from tog_mjx.touch import KICKS
 
 ROOT = Path(__file__).parent.parent
 SALTATION = "saltation"
-LIMITED = """<mujoco><option timestep="0.002" cone="{cone}" tolerance="1e-12" iterations="50" ls_iterations="50"/>
+LANDING = """<mujoco><option timestep="0.002" tolerance="1e-12" iterations="50" ls_iterations="50"/>
   <worldbody><geom type="plane" size="5 5 1"/>
-  <body><joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
-    <geom size="0.1" mass="1"/></body>
+  <body><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+    <geom size="0.1" mass="1" condim="1"/></body>
   <body pos="9 0 1"><joint axis="0 1 0" range="-90 0" limited="true"/><geom size="0.1" pos="0.3 0 0" mass="1"
-    contype="0" conaffinity="0"/></body></worldbody>
-  <tendon><fixed limited="true" range="-9 0.3"><joint joint="x" coef="1"/></fixed></tendon></mujoco>"""
-START, SPEED = np.array([0.289, 0.105, 0.0, -0.013]), np.array([2.0, -1.0, 0.0, 3.0])
-"""A ball lands, a hinge and a tendon meet their limits: within ten steps of 2 ms each."""
+    contype="0" conaffinity="0"/></body></worldbody></mujoco>"""
+START, SPEED = np.array([0.0, 0.105, -0.013]), np.array([2.0, -1.0, 3.0])
+"""A ball lands, a hinge meets its limit: within five steps."""
 
 
 def end_of(model: mujoco.MjModel, steps: int, **options):
@@ -42,7 +44,7 @@ def end_of(model: mujoco.MjModel, steps: int, **options):
 
 @pytest.fixture(scope="module")
 def model() -> mujoco.MjModel:
-    return mujoco.MjModel.from_xml_string(LIMITED.format(cone="elliptic"))
+    return mujoco.MjModel.from_xml_string(LANDING)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +55,7 @@ def starts() -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def forward(model, starts):
-    """Values [3, 8] and Jacobians [3, 8, 8] in forward mode, one start after the other."""
+    """Values [3, 6] and Jacobians [3, 6, 6] in forward mode, one start after the other."""
     end = end_of(model, 12)
 
     @compile_quickly
@@ -76,12 +78,10 @@ def test_there_are_jumps(model, starts, forward):
 
     values, jacobians = forward
     np.testing.assert_allclose(values, [in_c(some) for some in starts], rtol=0, atol=1e-9)
-    between = np.stack([(in_c(start + h * e) - in_c(start - h * e)) / (2 * h) for e in np.eye(8)], axis=1)
+    between = np.stack([(in_c(start + h * e) - in_c(start - h * e)) / (2 * h) for e in np.eye(6)], axis=1)
     apart = np.abs(jacobians[0] - between)
-    # The speeds after the touch by the positions before it: of the ball, and of what meets its limit.
-    assert (apart[[4, 5, 7], [0, 1, 3]] > 0.5).all()
-    # What does not move the touch knows of no jump.
-    np.testing.assert_allclose(jacobians[0][7, 6], between[7, 6], atol=1e-5)
+    # The speeds after the touch by the positions before it.
+    assert (apart[[4, 5], [1, 2]] > 0.5).all(), apart
 
 
 def test_a_batch_in_reverse_mode_with_checkpoints_has_the_same(model, starts, forward):
@@ -99,3 +99,58 @@ def test_in_float32_it_is_the_same_to_its_digits(model, starts, forward):
     assert value.dtype == jacobian.dtype == jnp.float32
     np.testing.assert_allclose(value, forward[0], rtol=0, atol=1e-4)
     np.testing.assert_allclose(jacobian, forward[1], rtol=0, atol=1e-3 * np.abs(forward[1]).max())
+
+
+STATES = {
+    "at rest at the surface": (0.0, 0.0),
+    "at rest above it": (0.125, 0.0),
+    "at rest below it": (-0.0009765625, 0.0),
+    "at the surface, at speed": (0.0, -1.0),
+    "parting at the surface": (0.0, 1.0),
+    "in the box": (0.0009765625, -1.0),
+    "deep": (-0.0625, -1.0),
+}
+"""Gap [m] and speed [m/s] of both the ball and the hinge."""
+MARGINS = {"none": (0.0, 0.0), "negative": (-0.0078125, 0.0), "gap": (0.0, 0.03), "both": (0.015625, 0.0078125)}
+"""Numbers that add up without rounding, else what lies at the surface may lie on either side of it."""
+
+
+def test_margins_move_the_surface_and_nothing_is_not_a_number():
+    """A batch of models and of states: as far from the surface that a margin makes, all is the same."""
+    model = mujoco.MjModel.from_xml_string(LANDING.replace('size="0.1" mass="1"', 'size="0.125" mass="1"'))
+    mjx_model = put_model(model)
+    data = make_data(mjx_model)
+
+    def after(margin, gap, state):
+        marked = mjx_model.replace(geom_margin=jnp.zeros(3).at[0].set(margin), geom_gap=jnp.full(3, gap))
+        qpos = jnp.array([0.0, 0.125 + margin + state[0], -state[0]])
+        qvel = jnp.array([0.0, state[1], -state[1]])
+        return tog.step(marked, data.replace(qpos=qpos, qvel=qvel), differentiation=SALTATION).qvel
+
+    of_states = jax.vmap(lambda m, g, s: (after(m, g, s), jax.jacfwd(after, 2)(m, g, s)), (None, None, 0))
+    batch = compile_quickly(jax.vmap(of_states, (0, 0, None)))
+    margins, gaps = map(jnp.array, zip(*MARGINS.values(), strict=True))
+    values, slopes = map(np.asarray, batch(margins, gaps, jnp.array(list(STATES.values()))))
+    assert np.isfinite(values).all()
+    assert np.isfinite(slopes).all()
+    for found in (values, slopes):
+        np.testing.assert_allclose(found, np.broadcast_to(found[0], found.shape), rtol=1e-7, atol=1e-7)
+    jumps = dict(zip(STATES, slopes[0, :, 1:, 0] * model.opt.timestep, strict=True))
+    # All that is at rest at the surface moves as on a spring: the kick over a box of so many kicks.
+    np.testing.assert_allclose(jumps["at rest at the surface"], [-1 / KICKS, 1 / KICKS], rtol=1e-6)
+    np.testing.assert_array_equal(jumps["parting at the surface"], 0.0)  # Dampers do not hold what parts.
+
+
+@pytest.mark.parametrize("file", ["equalities.xml", "sliding_block.xml"])
+def test_where_nothing_touches_anew_it_is_the_implicit_gradient(file):
+    model = mujoco.MjModel.from_xml_path(str(ROOT / "tests" / "scenes" / file))
+    function = step_function(model, parameters=False)
+    dx = jnp.asarray(np.random.default_rng(0).normal(size=function.x.size))
+
+    def along(how):
+        after = functools.partial(function.after, STEPS[how])
+        return compile_quickly(lambda x: jax.jvp(after, (x,), (dx,)))(function.x)
+
+    (value, slope), (same, expected) = along(SALTATION), along("implicit")
+    np.testing.assert_array_equal(value, same)
+    np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
