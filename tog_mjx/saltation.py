@@ -6,7 +6,8 @@ would act if they were at the surface, the acceleration moves by
     dq = H^-1 J_c^T f_c ds_c,    ds_c = -d(gap_c) / w_c,    H = M - J^T (df/dx) J of all other rows.
 
 Where the others stay on one piece of their law, H^-1 (sum over c of J_c^T f_c) is the acceleration with all of them
-minus that without any, exactly: contacts that switch together are counted once.
+minus that without any, exactly: contacts that switch together are counted once. Where the others do not (a hit makes
+slide what the floor held), that difference is taken, and what it has more is shared out among the switches.
 """
 
 from typing import NamedTuple
@@ -81,20 +82,35 @@ def effects(
     def found() -> Effects:
         is_near = owns.T @ near > 0
         # The force at the surface on both sides of it: at the depth reached it would err to one side.
-        with_all = some_of(is_near, surface, rows)
-        solved = mjx.solve(model, with_rows(surface_data, with_all.jacobian, with_all.reference, with_all.D)).qacc
-        force = constraint_force(with_all, with_all.at(solved))
-        without = masked(rows, ~is_near)
-        x = without.at(qacc)
-        per_switch = -owns.T * force[:, None] * jnp.where(near, 1 / jnp.where(near, width, 1.0), 0.0)
-        moved = cho_solve(cho_factor(mass + constraint_hessian(without, x)), with_all.jacobian.T @ per_switch)
+        with_all, without = some_of(is_near, surface, rows), masked(rows, ~is_near)
+
+        def solved(some: Rows) -> tuple[Array, Array]:
+            acceleration = mjx.solve(model, with_rows(surface_data, some.jacobian, some.reference, some.D)).qacc
+            return acceleration, constraint_force(some, some.at(acceleration))
+
+        both = jax.tree.map(lambda *some: jnp.stack(some), with_all, without)
+        (qacc, qacc_without), (force, force_without) = jax.vmap(solved)(both)
+        own = owns.T * force[:, None] * near
+        x = without.at(qacc_without)
+        parts = cho_solve(cho_factor(mass + constraint_hessian(without, x)), with_all.jacobian.T @ own)
         others = jax.vmap(
             lambda dq: jax.jvp(lambda x: constraint_force(without, x), (x,), (without.jacobian @ dq,))[1], 1, 1
-        )(moved)
-        return Effects(moved, jnp.where(is_near[:, None], 0.0, others) + per_switch)
+        )(parts)
+        qacc_parts = _adding_up(parts, qacc - qacc_without, near)
+        force_parts = jnp.where(is_near[:, None], own, _adding_up(others, force - force_without, near))
+        slope = jnp.where(near, -1 / jnp.where(near, width, 1.0), 0.0)
+        return Effects(qacc_parts * slope, force_parts * slope)
 
     nothing = Effects(jnp.zeros((model.nv, gap.size), qacc.dtype), jnp.zeros((rows.D.size, gap.size), qacc.dtype))
     return jax.lax.cond(near.any(), found, lambda: nothing)
+
+
+def _adding_up(parts: Float[Array, "n S"], total: Float[Array, " n"], near: Array) -> Float[Array, "n S"]:
+    """The parts, with what the total has more than all of them shared out by their squares, each number by itself."""
+    squares = parts**2
+    sums = squares.sum(1, keepdims=True)
+    shares = jnp.where(sums > 0, squares / jnp.where(sums > 0, sums, 1.0), near / near.sum())
+    return parts + shares * (total - parts.sum(1))[:, None]
 
 
 def _at_surface(model: mjx.Model, data: mjx.Data, gap: Float[Array, " S"]) -> mjx.Data:
