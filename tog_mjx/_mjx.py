@@ -84,11 +84,6 @@ def with_constraint_force(data: mjx.Data, force: Float[Array, " nefc"]) -> mjx.D
     return data.tree_replace({"_impl.efc_force": force})
 
 
-def with_rows(data: mjx.Data, jacobian: Array, reference: Array, D: Array) -> mjx.Data:
-    """`data` with other constraint rows, for `mjx.solve`."""
-    return data.tree_replace({"_impl.efc_J": jacobian, "_impl.efc_aref": reference, "_impl.efc_D": D})
-
-
 def with_margins(model: mjx.Model, data: mjx.Data, joint: Array, tendon: Array, contact: Array) -> mjx.Data:
     """`data` with the constraint rows that other margins make: of joints [njnt], tendons [ntendon], contacts [K]."""
     model = model.replace(jnt_margin=joint, tendon_margin=tendon)

@@ -36,7 +36,7 @@ from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
 from tog_mjx._mjx import constraint_rows, mjx, tendon_jacobian, with_constraint_force
-from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, read_rows, require_jax
+from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, read_rows, require_jax, residual
 from tog_mjx.errors import InputError
 from tog_mjx.integration import integrate, with_derivative_of
 from tog_mjx.saltation import effects, gaps
@@ -130,20 +130,14 @@ def _jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     # One Newton correction carries the first derivative of q, and with it the second one of what is returned. Calling
     # this function again carries all; but `scan` in reverse mode drops the rule of what it computes on the way
     # forward, and differentiates the function in its place, which passes its argument on.
-    correction = -cho_solve(factors, _residual(solution, *parameters))
+    correction = -cho_solve(factors, residual(solution, *parameters))
     qacc = _differentiable(with_derivative_of(solution, solution + correction), *parameters)
-    residual_dot = _jvp_along(functools.partial(_residual, qacc), parameters, tangents[1:])
+    residual_dot = _jvp_along(functools.partial(residual, qacc), parameters, tangents[1:])
     hessian = _hessian(qacc, *parameters)
     qacc_dot = jax.lax.custom_linear_solve(
         lambda x: hessian @ x, -residual_dot, lambda _, b: cho_solve(factors, b), symmetric=True
     )
     return qacc, qacc_dot
-
-
-def _residual(
-    qacc: Float[Array, " nv"], mass: Float[Array, "nv nv"], qfrc_smooth: Float[Array, " nv"], rows: Rows
-) -> Float[Array, " nv"]:
-    return mass @ qacc - qfrc_smooth - rows.jacobian.T @ constraint_force(rows, rows.at(qacc))
 
 
 def _hessian(

@@ -18,8 +18,8 @@ import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
-from tog_mjx._mjx import contacts, mjx, with_margins, with_rows
-from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, masked, read_rows, some_of
+from tog_mjx._mjx import contacts, mjx, with_margins
+from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, masked, read_rows, solution, some_of
 from tog_mjx.safe import safe_norm
 from tog_mjx.touch import box_width
 
@@ -65,8 +65,7 @@ def effects(
     normals, owns = map(jnp.asarray, _normals(model, rows))
     open_ = gap >= 0
     # As if all touched just now: in MJX, rows that are open are masked, and those that act do so at the depth reached.
-    surface_data = _at_surface(model, data, gap)
-    surface = read_rows(model, surface_data)
+    surface = read_rows(model, _at_surface(model, data, gap))
     closed = some_of(owns.T @ open_ > 0, surface, rows)
     force = constraint_force(closed, closed.at(qacc))
     normal = normals @ closed.jacobian
@@ -85,18 +84,18 @@ def effects(
         with_all, without = some_of(is_near, surface, rows), masked(rows, ~is_near)
 
         def solved(some: Rows) -> tuple[Array, Array]:
-            acceleration = mjx.solve(model, with_rows(surface_data, some.jacobian, some.reference, some.D)).qacc
+            acceleration = solution(qacc, mass, data.qfrc_smooth, some)
             return acceleration, constraint_force(some, some.at(acceleration))
 
         both = jax.tree.map(lambda *some: jnp.stack(some), with_all, without)
-        (qacc, qacc_without), (force, force_without) = jax.vmap(solved)(both)
+        (qacc_with, qacc_without), (force, force_without) = jax.vmap(solved)(both)
         own = owns.T * force[:, None] * near
         x = without.at(qacc_without)
         parts = cho_solve(cho_factor(mass + constraint_hessian(without, x)), with_all.jacobian.T @ own)
         others = jax.vmap(
             lambda dq: jax.jvp(lambda x: constraint_force(without, x), (x,), (without.jacobian @ dq,))[1], 1, 1
         )(parts)
-        qacc_parts = _adding_up(parts, qacc - qacc_without, near)
+        qacc_parts = _adding_up(parts, qacc_with - qacc_without, near)
         force_parts = jnp.where(is_near[:, None], own, _adding_up(others, force - force_without, near))
         slope = jnp.where(near, -1 / jnp.where(near, width, 1.0), 0.0)
         return Effects(qacc_parts * slope, force_parts * slope)

@@ -15,7 +15,7 @@ from tog_mjx._mjx import constraint_rows, contacts, mjx, put_model
 from tog_mjx.batches import call_in_chunks
 from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.tangents import in_velocity_space, state_basis
-from tog_mjx.constraints import constraint_force, constraint_hessian, read_rows
+from tog_mjx.constraints import constraint_hessian, read_rows, residual
 from tog_mjx.implicit import STEPS
 from tog_mjx.state import MOVING, STATE, state_of
 from tog_mjx.step_check import compile_quickly
@@ -175,9 +175,8 @@ def _correction(model: mjx.Model, data: mjx.Data) -> Float[Array, ""]:
     if model.nv == 0 or constraint_rows(data).jacobian.size == 0:
         return jnp.zeros(())
     rows, mass = read_rows(model, data), mjx.full_m(model, data)
-    x = rows.at(data.qacc)
-    residual = mass @ data.qacc - data.qfrc_smooth - rows.jacobian.T @ constraint_force(rows, x)
-    step = jnp.linalg.solve(mass + constraint_hessian(rows, x), residual)
+    off = residual(data.qacc, mass, data.qfrc_smooth, rows)
+    step = jnp.linalg.solve(mass + constraint_hessian(rows, rows.at(data.qacc)), off)
     size = jnp.linalg.norm(data.qacc) + jnp.linalg.norm(data.qacc_smooth)
     return jnp.linalg.norm(step) / jnp.where(size > 0, size, 1.0)
 
