@@ -82,6 +82,9 @@ def _single_rivals(task: Task) -> list[tuple[str, str, Callable]]:
     for name in ("penalty", "released", "mjx"):
         cost = functools.partial(final_cost, task, make_simulator(name, task.scene))
         found += [(name, "J", cost), (name, "forward mode", jax.jacfwd(cost)), (name, "reverse mode", jax.grad(cost))]
+    jumps = functools.partial(final_cost, task, make_simulator("mjx", task.scene, differentiation="saltation"))
+    name = "mjx, saltation"
+    found += [(name, "J", jumps), (name, "forward mode", jax.jacfwd(jumps)), (name, "reverse mode", jax.grad(jumps))]
     stock = functools.partial(final_cost, task, one_iteration(make_simulator("mjx", task.scene)))
     found.append(("mjx, native, 1 iteration", "J", stock))
     found.append(("mjx, native, 1 iteration", "reverse mode", jax.grad(stock)))
