@@ -142,6 +142,20 @@ def test_of_many_variables_and_outputs_the_steepest_is_lowered():
     assert found.curves["error, exact"] == pytest.approx([0, 0, 0], abs=1e-10)
 
 
+def test_a_gradient_that_lacks_jumps_is_not_praised():
+    """A step along it gains as much as one along the slope, which has its sign: but it is that of the teeth of a saw,
+    and of the output whose gradient it is."""
+    tooth = 1e-4
+    found = tog.check(
+        lambda x: jnp.stack([5 * x[0], x[0] - 0.5 * tooth * jnp.floor(x[0] / tooth)]), [0.30003], estimators=True
+    )
+    assert "d y[1] / d x[0] is 1, but over" in found.line
+    told = found.findings[-1]
+    assert (told.check, told.level) == ("estimators", Level.CARE)
+    assert "to lower y[1] follow zeroth order at every scale tried" in told.sentence
+    assert "differentiation='saltation'" in told.remedy
+
+
 def test_the_linear_part_is_known_without_noise():
     normals = np.random.default_rng(0).normal(size=(256, 3))
     found = compare_at(lambda x: x @ SLOPE, lambda x: np.tile(SLOPE, (len(x), 1)), 3, 0.1, 1)

@@ -7,7 +7,7 @@ as a typical w is tried against each: which lowers J most, for what 8 exact grad
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -82,12 +82,16 @@ class Comparison(NamedTuple):
     @property
     def follow(self) -> str:
         """One of NAMES, none or unknown."""
+        return self.best_of(NAMES)
+
+    def best_of(self, names: Sequence[str]) -> str:
+        """Which of these to follow, or none, or unknown."""
         if not self.is_resolved:
             return "unknown"
-        best = max(NAMES, key=lambda name: self.gains[name])
+        best = max(names, key=lambda name: self.gains[name])
         if not self.gains[best] > 0:
             return "none"
-        return "exact" if self.gains["exact"] >= _NEARLY * self.gains[best] else best
+        return "exact" if "exact" in names and self.gains["exact"] >= _NEARLY * self.gains[best] else best
 
     @property
     def is_blind(self) -> bool:
@@ -149,8 +153,13 @@ def _least_noisy(ahead: np.ndarray, behind: np.ndarray, normals: np.ndarray, sig
     return controlled if local.noise_of_mean(controlled) < local.noise_of_mean(plain) else plain
 
 
-def compare_estimators(values: Batch, J: Objective, n: int, name: str) -> Finding:
-    """Which gradient to follow at each of SIGMAS, of J [n] with `values` [N]; `name` is that of the number to lower."""
+def compare_estimators(values: Batch, J: Objective, n: int, name: str, lacks_jumps: bool = False) -> Finding:
+    """Which gradient to follow at each of SIGMAS, of J [n] with `values` [N]; `name` is that of the number to lower.
+
+    Args:
+      lacks_jumps: the gradient of J is known not to be the slope of J, see `tog_mjx.checks.jumps`: neither it nor a
+        mean of others like it is advised, however much a step along it may gain here.
+    """
     gradients, charge = batch_of_gradients(J, n)
     found = [compare_at(values, gradients, n, sigma, charge) for sigma in SIGMAS]
     curves: dict[str, Any] = {"sigma": list(SIGMAS)}
@@ -158,7 +167,7 @@ def compare_estimators(values: Batch, J: Objective, n: int, name: str) -> Findin
         curves[curve] = [getattr(some, name_of) for some in found]
     for way in NAMES:
         curves[f"gain, {way}"] = [some.gains[way] for some in found]
-    follow = [some.follow for some in found]
+    follow = [some.best_of(NAMES[2:] if lacks_jumps else NAMES) for some in found]
     sentence = (
         f"to lower {name} follow {_told(follow)} (at a cost of {AVERAGED} gradients, each counted as {charge} values; "
         f"{_measured_charge(values, gradients, n):.2g} were measured); "
@@ -168,6 +177,8 @@ def compare_estimators(values: Batch, J: Objective, n: int, name: str) -> Findin
         f"it (known to {_listed(some.noise for some in found)})"
     )
     remedy = "average values over perturbations: tog_mjx.gradients.zeroth_order"
+    if lacks_jumps:
+        remedy = f"differentiate with differentiation='saltation', or {remedy}"
     if blind := [some for some in zip(SIGMAS, found, strict=True) if some[1].is_blind]:
         sigma, first = blind[0]
         told = (
@@ -175,9 +186,10 @@ def compare_estimators(values: Batch, J: Objective, n: int, name: str) -> Findin
             f"see: their mean is off the smoothed gradient by {first.bias_first:.2g} of it"
         )
         return Finding("estimators", Level.CARE, f"{told}; {sentence}", first.bias_first, remedy, curves)
-    if "exact" in follow or set(follow) <= {"none", "unknown"}:
+    if not lacks_jumps and ("exact" in follow or set(follow) <= {"none", "unknown"}):
         return Finding("estimators", Level.FINE, sentence, found[0].exact_wins, "", curves)
-    sentence = f"the exact gradient is a poor guide here: {sentence}"
+    told = "lacks the jumps, see 'agreement'" if lacks_jumps else "is a poor guide here"
+    sentence = f"the exact gradient {told}: {sentence}"
     return Finding("estimators", Level.CARE, sentence, found[0].exact_wins, remedy, curves)
 
 

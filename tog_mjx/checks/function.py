@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from tog_mjx.checks.agreement import agreement, sweep
 from tog_mjx.checks.estimators import compare_estimators, steepest
 from tog_mjx.checks.finding import Finding, Level, Report, Verdict
-from tog_mjx.checks.jumps import find_jumps, judge_jumps
+from tog_mjx.checks.jumps import find_jumps, judge_jumps, lacks
 from tog_mjx.checks.modes import compare_modes
 from tog_mjx.checks.second_order import second_order as check_second_order
 from tog_mjx.checks.single import judge_single
@@ -64,27 +64,26 @@ def check(
     values = lambda points: np.asarray(batch(points))  # noqa: E731
     differences = sweep(values, point, directions)
 
-    def agrees() -> Finding:
-        jumps = find_jumps(values, point, directions, differences)
-        return judge_jumps(agreement(slopes, differences), slopes, jumps, names, outputs)
-
+    jumps = find_jumps(values, point, directions, differences)
     checks: dict[str, Callable[[], Finding]] = {
         "finite": lambda: _finite(value, slopes),
         "zeros": lambda: zeros(slopes, differences, names, outputs),
-        "agreement": agrees,
+        "agreement": lambda: judge_jumps(agreement(slopes, differences), slopes, jumps, names, outputs),
         "reverse mode": lambda: _reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }
     if second_order:
         checks["second order"] = lambda: check_second_order(flat, point, directions)
     if estimators:
-        i = steepest(slopes)
+        missed = lacks(slopes, jumps)
+        i = jumps.entry[0] if jumps and missed else steepest(slopes)
         lowered = lambda z: flat(point + scale * z)[i]  # noqa: E731
         checks["estimators"] = lambda: compare_estimators(
             lambda points: np.asarray(batch(point + scale * points), float)[:, i],
             lowered,
             point.size,
             outputs[i] if value.size > 1 else "it",
+            missed,
         )
     findings = []
     for name, run in checks.items():

@@ -1,6 +1,5 @@
 """The checks of a scene."""
 
-import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from tog_mjx.checks.estimators import compare_estimators, steepest
 from tog_mjx.checks.failure import failure
 from tog_mjx.checks.finding import Finding, Level, Report, Verdict
 from tog_mjx.checks.function import directions_at
-from tog_mjx.checks.jumps import find_jumps, judge_jumps, lacks
+from tog_mjx.checks.jumps import Jumps, find_jumps, judge_jumps, lacks
 from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
 from tog_mjx.checks.parity import parity
@@ -79,8 +78,7 @@ def check_scene(
         try:
             simulation = Simulation(scene, directions)
             motion = simulation.run()
-            last = [("estimators", lambda: _estimators(simulation, motion))] if estimators else []
-            for name, check in itertools.chain(_checks(simulation, motion, names, quick), last):
+            for name, check in _checks(simulation, motion, names, quick, estimators):
                 say(name, None)
                 findings.append(check())
                 say(name, findings[-1])
@@ -102,7 +100,7 @@ def check_scene(
 
 
 def _checks(
-    simulation: Simulation, motion: Motion, names: tuple[str, ...], quick: bool
+    simulation: Simulation, motion: Motion, names: tuple[str, ...], quick: bool, estimators: bool
 ) -> Iterator[tuple[str, Callable[[], Finding]]]:
     """What to run, in the order of what spoils most. Nothing else means anything where the gradient is not finite."""
     yield "finite", lambda: finite(motion)
@@ -110,6 +108,8 @@ def _checks(
     if not np.isfinite(motion.slopes).all():
         if has_rival and not quick:
             yield "differentiation", lambda: differentiation(simulation, motion)
+        if estimators:
+            yield "estimators", lambda: _estimators(simulation, motion, None)
         return
     yield "solver", lambda: solver(simulation, motion)
     scene, n = simulation.scene, simulation.scene.size
@@ -128,21 +128,24 @@ def _checks(
     yield "contacts", lambda: contacts(simulation, motion)
     yield "stiffness", lambda: stiffness(simulation, motion)
     yield "parity", lambda: parity(simulation, motion)
-    if quick:
-        return
-    yield "precision", lambda: precision(simulation, motion)
-    yield "reverse mode", lambda: reverse(simulation, motion)
-    if has_rival:
-        yield "differentiation", lambda: differentiation(simulation, motion)
-    yield "cost", lambda: cost(simulation)
+    if not quick:
+        yield "precision", lambda: precision(simulation, motion)
+        yield "reverse mode", lambda: reverse(simulation, motion)
+        if has_rival:
+            yield "differentiation", lambda: differentiation(simulation, motion)
+        yield "cost", lambda: cost(simulation)
+    if estimators:
+        yield "estimators", lambda: _estimators(simulation, motion, jumps)
 
 
-def _estimators(simulation: Simulation, motion: Motion) -> Finding:
-    scene, i = simulation.scene, steepest(motion.slopes)
+def _estimators(simulation: Simulation, motion: Motion, jumps: Jumps | None) -> Finding:
+    scene, missed = simulation.scene, lacks(motion.slopes, jumps)
+    i = jumps.entry[0] if jumps and missed else steepest(motion.slopes)
     scale = jnp.asarray(scene.scale)
     return compare_estimators(
         lambda points: simulation.values(scene.scale * points)[:, i],
         lambda z: simulation.value(scale * z)[i],
         scene.size,
         scene.outputs[i],
+        missed,
     )
