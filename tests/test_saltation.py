@@ -154,3 +154,35 @@ def test_where_nothing_touches_anew_it_is_the_implicit_gradient(file):
     (value, slope), (same, expected) = along(SALTATION), along("implicit")
     np.testing.assert_array_equal(value, same)
     np.testing.assert_allclose(slope, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+HELD = """<mujoco><option timestep="0.002" tolerance="1e-14" iterations="50" ls_iterations="50"/><worldbody>
+  <geom type="plane" size="5 5 1" friction="0.5"/>
+  <body pos="0 0 0.0995"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+    <geom size="0.1" mass="1" friction="0.5" contype="3" conaffinity="3"/></body>
+  <body pos="-0.2 0 0.0995"><joint type="slide" axis="1 0 0"/>
+    <geom size="0.1" mass="1" condim="1" priority="1" contype="2" conaffinity="2"/></body></worldbody></mujoco>"""
+
+
+def test_a_hit_makes_slide_what_the_floor_held():
+    """The jump is that of the motion: by its derivative the floor's friction would grow without bound."""
+    model = mujoco.MjModel.from_xml_string(HELD)
+    mjx_model = put_model(model)
+    start, speed, width = make_data(mjx_model), 1.0, model.opt.timestep
+
+    def in_c(position):
+        data = mujoco.MjData(model)
+        data.qpos[2], data.qvel[2] = position, speed
+        mujoco.mj_step(model, data)
+        return data.qvel.copy()
+
+    def after(position):
+        data = start.replace(qpos=jnp.array([0.0, 0.0, position]), qvel=jnp.array([0.0, 0.0, speed]))
+        return tog.step(mjx_model, data, differentiation=SALTATION).qvel
+
+    jump = in_c(1e-9) - in_c(-1e-9)
+    assert jump[0] > 0.05
+    slopes = compile_quickly(lambda position: jax.jvp(after, (position,), (1.0,))[1])
+    for position in (-0.05 * width, 0.05 * width):
+        between = (in_c(position + 1e-6) - in_c(position - 1e-6)) / 2e-6
+        np.testing.assert_allclose(slopes(position) - between, jump / width, rtol=0.02, atol=1e-3 * jump[0] / width)
