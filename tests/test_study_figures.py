@@ -32,6 +32,8 @@ def test_bands_show_one_run_as_a_line_and_many_as_quantiles():
     figure = draw_bands(traces, {"flip": 0.1, "grasp": 0.2})
     panels = {axes.get_title(loc="left"): axes for axes in figure.axes}
     assert len(panels) == 4
+    labels = ["exact gradient", "success", "stochastic gradient, median", "10 to 90 %", "all seeds"]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == labels
     line = panels["Box flip on penalty"]
     np.testing.assert_array_equal(line.lines[0].get_ydata(), COSTS[0])
     assert not line.collections

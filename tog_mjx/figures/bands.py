@@ -24,7 +24,8 @@ def draw_bands(
     """A row each task, a column each simulator: the median of J, 10 to 90 % and all of the runs.
 
     Args:
-      traces: by task, simulator and method, "exact, ..." or "stochastic, ...": costs of M runs; one run is a line.
+      traces: by task, simulator and method, "exact, ...", "saltation, ..." or "stochastic, ...": costs of M runs; one
+        run is a line.
       success: by task, the cost that counts as success.
     """
     tasks, simulators, _ = (list(dict.fromkeys(names)) for names in zip(*traces, strict=True))
@@ -44,7 +45,9 @@ def draw_bands(
             axes.set_xlabel("iteration (parameter updates)")
         for axes, task in zip(panels[:, 0], tasks, strict=True):
             axes.set_ylabel(rf"cost $J_\mathrm{{{task}}}$")
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+        looks = [axes.get_legend_handles_labels() for axes in panels.flat]
+        named = {label: look for some in looks for look, label in zip(*some, strict=True)}
+        figure.legend(named.values(), named, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
     return figure
 
 

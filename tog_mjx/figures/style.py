@@ -20,6 +20,7 @@ RC: dict[Any, Any] = {
 
 METHOD: dict[str, dict[str, Any]] = {
     "exact": {"color": "#1b1b1b", "linestyle": "-", "marker": "o", "label": "exact gradient"},
+    "saltation": {"color": "#0072b2", "linestyle": "-.", "marker": "s", "label": "gradient with the jumps"},
     "stochastic": {"color": "#d55e00", "linestyle": "--", "marker": "x", "label": "stochastic gradient"},
 }
 GUESS: dict[str, Any] = {
