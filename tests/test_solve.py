@@ -1,5 +1,6 @@
 """The recommended method: what it promises, and that it is what the studies compare."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -17,12 +18,24 @@ def test_a_guess_3_cm_off_succeeds_within_the_budget(name, budget, successes):
     assert (found.costs.min(axis=1) <= SUCCESS[name]).sum() >= successes
 
 
-def test_it_is_the_method_of_the_studies():
-    descent = tog.solve("flip", 100, "penalty")
-    found = compute(Cell("flip", "penalty", "solve", 25, steps=(step_size(tog.get_task("flip"), 25),)))
+@pytest.mark.parametrize(
+    ("differentiation", "method", "updates"), [(None, "solve", 25), ("saltation", "saltation, solve", 20)]
+)
+def test_it_is_the_method_of_the_studies(differentiation, method, updates):
+    descent = tog.solve("flip", 100, "penalty", differentiation=differentiation)
+    found = compute(Cell("flip", "penalty", method, updates, steps=(step_size(tog.get_task("flip"), updates),)))
     np.testing.assert_allclose(descent.costs, found.costs[0], rtol=1e-9)
     np.testing.assert_allclose(descent.setpoints_best, found.best[0], rtol=1e-9)
     assert descent.costs.min() < SUCCESS["flip"]
+
+
+def test_the_gradient_is_the_one_asked_for():
+    descents = [tog.solve("flip", 5, "penalty", differentiation=how) for how in ("native", "saltation")]
+    for descent, how in zip(descents, ("native", "saltation"), strict=True):
+        expected = jax.grad(tog.objective("flip", "penalty", differentiation=how))(descent.setpoints[0])
+        np.testing.assert_allclose(descent.gradients, [expected], rtol=1e-9)
+    assert descents[0].costs == descents[1].costs
+    assert np.linalg.norm(descents[0].gradients - descents[1].gradients) > 0.1
 
 
 def test_many_variables_and_another_guess():
@@ -39,6 +52,8 @@ def test_many_variables_and_another_guess():
         (("flip", 3, "penalty"), "budget is 3: one gradient of penalty takes 4.0 evaluations"),
         (("flip", 100, "bullet"), "simulator 'bullet' is unknown"),
         (("juggle",), "task 'juggle' is unknown"),
+        (("flip", 100, "released", None, None, "saltation"), "'released' has no option 'differentiation'"),
+        (("flip", 100, "penalty", None, None, "implicit"), "differentiation='implicit' is unknown; choose from native"),
     ],
 )
 def test_bad_input(arguments, message):

@@ -18,7 +18,7 @@ from tog_mjx.descent import Descent, descend
 from tog_mjx.errors import InputError
 from tog_mjx.gradients import exact
 from tog_mjx.rollout import objective
-from tog_mjx.simulators import SIMULATORS, check_names, precision
+from tog_mjx.simulators import check_names, gradient_charge, precision
 from tog_mjx.tasks import Task, get_task
 from tog_mjx.types import Numbers, Scalar
 
@@ -29,6 +29,7 @@ def solve(
     simulator: str = "mjx",
     guess: Numbers | None = None,
     report: Callable[[int], None] | None = None,
+    differentiation: str | None = None,
 ) -> Descent:
     """Descends on the task's cost; take `setpoints_best` of the record.
 
@@ -43,14 +44,15 @@ def solve(
       InputError: for an unknown name, a budget below one gradient, or a guess of the wrong shape or not finite.
     """
     task = get_task(task)
-    check_names(simulator, {})
-    charge = SIMULATORS[simulator].GRADIENT_CHARGE
+    options = {"differentiation": differentiation} if differentiation else {}
+    check_names(simulator, options)
+    charge = gradient_charge(simulator, differentiation)
     if not charge <= budget < float("inf"):
         raise InputError(f"budget is {budget}: one gradient of {simulator} takes {charge} evaluations; give more")
     gradients = int(budget / charge)
     with precision(simulator):
         return descend(
-            exact(objective(task, simulator)),
+            exact(objective(task, simulator, **options)),
             task.initial_guess if guess is None else guess,
             rule=update_rule(step_size(task, gradients)),
             iterations=gradients - 1,

@@ -37,6 +37,7 @@ UNROLLED = 20
 """Time steps of the Python loop, whose times are scaled to the whole horizon."""
 SIMULATED = ("penalty", "mjx")
 """In batches and crossovers."""
+JUMPS = {"differentiation": "saltation"}
 PATIENCE = 5.0
 """Seconds: a gradient that takes longer is measured once, and its method left out from then on."""
 
@@ -79,8 +80,9 @@ def single(task: Task, repeats: int, report: Report) -> list[Row]:
 def _single_rivals(task: Task) -> list[tuple[str, str, Callable]]:
     """Name, what it computes, and the function of u."""
     found: list[tuple[str, str, Callable]] = []
-    for name in ("penalty", "released", "mjx"):
-        cost = functools.partial(final_cost, task, make_simulator(name, task.scene))
+    for name, options in (("penalty", {}), ("penalty", JUMPS), ("released", {}), ("mjx", {}), ("mjx", JUMPS)):
+        cost = functools.partial(final_cost, task, make_simulator(name, task.scene, **options))
+        name = ", ".join([name, *options.values()])
         found += [(name, "J", cost), (name, "forward mode", jax.jacfwd(cost)), (name, "reverse mode", jax.grad(cost))]
     jumps = functools.partial(final_cost, task, make_simulator("mjx", task.scene, differentiation="saltation"))
     name = "mjx, saltation"

@@ -6,6 +6,7 @@ from tog_mjx.simulators.released import ReleasedSimulator as ReleasedSimulator
 from tog_mjx.simulators.simulator import SIMULATORS as SIMULATORS
 from tog_mjx.simulators.simulator import Simulator as Simulator
 from tog_mjx.simulators.simulator import check_names as check_names
+from tog_mjx.simulators.simulator import gradient_charge as gradient_charge
 from tog_mjx.simulators.simulator import make_simulator as make_simulator
 from tog_mjx.simulators.simulator import precision as precision
 from tog_mjx.simulators.terms import TERMS as TERMS

@@ -62,6 +62,7 @@ class PenaltySimulator:
     }
     CHUNK: ClassVar[int] = 4096
     GRADIENT_CHARGE: ClassVar[float] = 4.0
+    SALTATION_CHARGE: ClassVar[float] = 5.0
 
     physics: Physics
     friction: str = dataclasses.field(default="mujoco", metadata={"static": True})

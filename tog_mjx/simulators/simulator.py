@@ -9,7 +9,8 @@ A simulator is an immutable set of parameters with three pure functions; everyth
 A simulator knows no task. Its parameters are leaves of a pytree, so that a compiled function can take them as an
 argument and differentiate with respect to them; its choices of law and differentiation are static. `CHUNK` is the
 number of motions that it simulates quickest at a time on one device, and `GRADIENT_CHARGE` the number of evaluations of
-J that one gradient with J counts as: what `scripts/benchmark.py --section single` measures, rounded up to a half.
+J that one gradient with J counts as: what `scripts/benchmark.py --section single` measures, rounded up to a half;
+`SALTATION_CHARGE` is that of one with the jumps, where there is one.
 """
 
 from collections.abc import Mapping
@@ -54,6 +55,13 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
     # Also inside a transformation the parameters are numbers, not tracers.
     with jax.ensure_compile_time_eval():
         return SIMULATORS[name].from_scene(scene, **options)
+
+
+def gradient_charge(name: str, differentiation: str | None = None) -> float:
+    """Evaluations of J that one gradient of this simulator counts as."""
+    simulator = SIMULATORS[name]
+    charge: float = simulator.SALTATION_CHARGE if differentiation == "saltation" else simulator.GRADIENT_CHARGE
+    return charge
 
 
 def precision(simulator: str, **options: str):

@@ -21,7 +21,7 @@ from tog_mjx.digests import made_with
 from tog_mjx.gradients import Objective
 from tog_mjx.landscape import grid
 from tog_mjx.rollout import final_cost
-from tog_mjx.simulators import SIMULATORS, make_simulator, precision
+from tog_mjx.simulators import SIMULATORS, gradient_charge, make_simulator, precision
 from tog_mjx.studies.methods import METHODS, Settings
 from tog_mjx.tasks import Task, get_task
 from tog_mjx.types import Scalar
@@ -76,7 +76,8 @@ class Cell:
         """Evaluation equivalents of one update."""
         draws = _DRAWS if self.error else 1
         variables = len(_variables(self, get_task(self.task, knots=self.knots).initial_guess))
-        return float(draws * METHODS[self.method].charge(variables, SIMULATORS[self.simulator].GRADIENT_CHARGE))
+        method = METHODS[self.method]
+        return float(draws * method.charge(variables, gradient_charge(self.simulator, method.differentiation)))
 
     def settings(self) -> dict[str, Any]:
         """All that the result depends on."""
@@ -176,7 +177,10 @@ def _guesses(cell: Cell, task: Task) -> np.ndarray:
 
 def _objective(cell: Cell, task: Task) -> tuple[Objective, Callable[[Float[Array, " n"]], Array]]:
     """J of the decision variables, and the setpoints that they stand for."""
-    simulator = make_simulator(cell.simulator, task.scene, **dict(cell.options))
+    options, differentiation = dict(cell.options), METHODS[cell.method].differentiation
+    if differentiation:
+        options["differentiation"] = differentiation
+    simulator = make_simulator(cell.simulator, task.scene, **options)
 
     def expand(v: Float[Array, " n"]) -> Float[Array, " m"]:
         if not cell.symmetric:

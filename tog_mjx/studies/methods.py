@@ -48,10 +48,12 @@ class Bound(NamedTuple):
 
 
 class Method(NamedTuple):
-    """`bind(objective, settings, n)`, and `charge(n, gradient)` of one update, for what an exact gradient counts."""
+    """`bind(objective, settings, n)`, and `charge(n, gradient)` of one update, for what a gradient counts. The
+    objective is to have that `differentiation`, where it is not the simulator's own."""
 
     bind: Callable[[Objective, Settings, int], Bound]
     charge: Callable[[int, float], float]
+    differentiation: str | None = None
 
 
 RULES: dict[str, Callable[[Scalar], optax.GradientTransformation]] = {
@@ -65,7 +67,12 @@ RULES: dict[str, Callable[[Scalar], optax.GradientTransformation]] = {
 `tog.solve` takes."""
 
 
-def descent(estimator: Callable[[Objective, Scalar], Estimator], rule: str, charge: Callable) -> Method:
+def descent(
+    estimator: Callable[[Objective, Scalar], Estimator],
+    rule: str,
+    charge: Callable,
+    differentiation: str | None = None,
+) -> Method:
     """A member whose cost or gradient is not finite stays where it is."""
 
     def bind(objective: Objective, settings: Settings, n: int) -> Bound:
@@ -82,7 +89,7 @@ def descent(estimator: Callable[[Objective, Scalar], Estimator], rule: str, char
 
         return Bound(lambda key, u: (u, transform.init(u)), update)
 
-    return Method(bind, charge)
+    return Method(bind, charge, differentiation)
 
 
 def evolution(name: str, population: Callable[[int], int]) -> Method:
@@ -124,6 +131,12 @@ METHODS: dict[str, Method] = {
         f"exact, {rule}": descent(lambda J, sigma: gradients.exact(J), rule, lambda n, gradient: gradient)
         for rule in ("plain", "adam", "clipped", "normalised")
     },
+    **{
+        f"saltation, {rule}": descent(
+            lambda J, sigma: gradients.exact(J), rule, lambda n, gradient: gradient, "saltation"
+        )
+        for rule in RULES
+    },
     "stochastic, plain": descent(gradients.stochastic, "plain", lambda n, gradient: 2),
     **{
         f"zeroth order, {rule}": descent(
@@ -154,7 +167,8 @@ METHODS: dict[str, Method] = {
     "CMA-ES": evolution("CMA_ES", _default_population),
     "CR-FM-NES": evolution("CR_FM_NES", _default_population),
 }
-"""By name: "estimator, update rule", or the evolution strategy's own name."""
+"""By name: "estimator, update rule", or the evolution strategy's own name. *Exact* is between two jumps of the motion,
+and *saltation* with them."""
 
 
 def traces(
