@@ -77,18 +77,22 @@ def test_a_tie_counts_half():
 
 def test_a_quadratic_is_measured():
     """Smooth: all orders agree, and the exact gradient beats zeroth order, whose directions are off."""
-    rows = measure(lambda u: jnp.sum(u**2), np.array([[1.0, 2.0], [-3.0, 1.0]]), (0.01, 0.1), 3, 4096, lambda _: None)
+    points, downhill = np.array([[1.0, 2.0], [-3.0, 1.0]]), lambda u: jnp.sum(u**2)
+    rows = measure(downhill, lambda u: -jnp.sum(u), points, (0.01, 0.1), 3, 4096, lambda _: None)
     assert [row["sigma"] for row in rows] == [0.01, 0.1, 0.01, 0.1]
-    for row, size in zip(rows, (5, 5, 10, 10), strict=True):
+    for row, size, total in zip(rows, (5, 5, 10, 10), (3, 3, -2, -2), strict=True):
         length = size**0.5
         assert row["J"] == pytest.approx(size)
         assert row["gradient"] == pytest.approx(2 * length)
         assert row["snr0"] == pytest.approx(3**-0.5, abs=0.3)  # Of 64 samples.
         assert row["cosine"] == pytest.approx(1, abs=0.01)
+        assert row["cosine, saltation"] == pytest.approx(-total / (2**0.5 * length), abs=0.05)
         assert row["bias"] < 5 * row["smooth noise"] < 0.2
         assert row["gain, exact"] == pytest.approx(2 * 0.01 * length - 1e-4)
         assert row["gain, exact, 1 mm"] == pytest.approx(2 * 0.001 * length - 1e-6)
+        assert row["gain, saltation"] == pytest.approx(-(2**0.5) * 0.01 * total - 1e-4)
         assert row["exact wins"] > 0.95
+        assert row["saltation wins"] < row["exact wins"]
         assert row["flatness"] < 0.1
         assert row["roughness"] < 0.02
 
@@ -129,8 +133,9 @@ def made_up(guesses: int, seed: int) -> pd.DataFrame:
             values = shared + 0.1 * rng.normal(size=len(shared))
             row = dict(zip([*STATISTICS, "exact wins"], values, strict=True))
             rows.append({"task": task, "descent": "exact", "guess": guess, "sigma": 0.01, **row})
-    gains = {f"gain, {name}": 1.0 for name in ("exact", "smoothed", "zeroth", "exact, 1 mm")}
-    return pd.DataFrame(rows).assign(**gains, **{"wins": "exact", "exact wins, 1 mm": 1.0})
+    gains = {f"gain, {name}": 1.0 for name in ("exact", "saltation", "smoothed", "zeroth", "exact, 1 mm")}
+    rest = {"exact wins, 1 mm": 1.0, "saltation wins": 1.0, "cosine, saltation": 1.0}
+    return pd.DataFrame(rows).assign(**gains, **rest, wins="exact")
 
 
 def both(table: pd.DataFrame) -> pd.Series:

@@ -4,7 +4,8 @@ At each iterate u, for each sigma, 64 samples w ~ N(0, sigma^2 I) give the stati
 J_sigma(u) = E J(u + w) is the antithetic zeroth-order mean over many more, which is unbiased also where J jumps. Then a
 step of 1 cm is tried against each direction, and one of 1 mm. Zeroth order at equal cost has as many evaluations as one
 gradient counts for, J(u) included; it is drawn 64 times, and `exact wins` is the share of draws that gain less than the
-exact gradient.
+exact gradient. That is the gradient between two jumps of the motion; the one with the jumps is tried at the same
+iterates, and `saltation wins` likewise.
 """
 
 import dataclasses
@@ -44,14 +45,16 @@ LEVEL = 1e-4
 
 def measure(
     J: Objective,
+    with_jumps: Objective,
     iterates: Float[np.ndarray, "K n"],
     sigmas: tuple[float, ...],
     equal: int,
     pairs: int,
     report: Callable,
 ) -> list[dict[str, Any]]:
-    """One row an iterate and sigma; the first sigma is that of the local statistics. `equal` samples are as dear as an
-    exact gradient, and `pairs` (at least 64 * equal) give the smoothed gradient."""
+    """One row an iterate and sigma; the first sigma is that of the local statistics. `with_jumps` is J with the other
+    gradient. `equal` samples are as dear as an exact gradient, and `pairs` (at least 64 * equal) give the smoothed
+    gradient."""
     (K, n), S = iterates.shape, len(sigmas)
     normals = np.random.default_rng(0).normal(size=(K, S, pairs, n))
     shifts = np.array(sigmas)[:, None, None] * normals
@@ -59,34 +62,29 @@ def measure(
     steep = np.concatenate([centre, (centre + shifts[:, :, :DRAWS]).reshape(K, 1, -1, n)], axis=2)
     costs, slopes = map_points(exact_batch(J), steep.reshape(-1, n), chunk=chunk)
     costs, slopes = costs.reshape(K, -1), slopes.reshape(K, -1, n)
+    jumping = map_points(exact_batch(with_jumps), iterates, chunk=chunk)[1]
     both = np.stack([centre + shifts, centre - shifts], axis=2)
     around = map_points(jax.vmap(J), both.reshape(-1, n), report, chunk).reshape(K, S, 2, -1)
     ahead, behind = around[:, :, 0], around[:, :, 1]
     found, targets = [], []
     for k, s in np.ndindex(K, S):
-        some, w, sigma = slice(1 + s * DRAWS, 1 + (s + 1) * DRAWS), normals[k, s], sigmas[s]
+        w, sigma, nearest = normals[k, s], sigmas[s], slice(1, 1 + DRAWS)
         terms = local.zeroth_terms(ahead[k, s] - costs[k, 0], w, sigma)
         symmetric = local.zeroth_terms((ahead[k, s] - behind[k, s]) / 2, w, sigma)
-        smooth, first = symmetric.mean(0), slopes[k, some].mean(0)
-        near = slice(1, 1 + DRAWS)
+        firsts = slopes[k, 1 + s * DRAWS : 1 + (s + 1) * DRAWS]
         found.append(
             {
                 "sigma": sigma,
                 "J": costs[k, 0],
-                "gradient": float(np.linalg.norm(slopes[k, 0])),
-                "snr0": local.signal_to_noise(terms[:DRAWS]),
-                "snr1": local.signal_to_noise(slopes[k, some]),
-                "cosine": local.cosine(slopes[k, 0], smooth),
-                "bias": local.relative_error(slopes[k, 0], smooth),
-                "bias1": local.relative_error(first, smooth),
-                "smooth noise": local.noise_of_mean(symmetric),
-                "flatness": local.flatness(costs[k, near], costs[k, 0], LEVEL),
-                "roughness": local.roughness(costs[k, near], normals[k, 0, :DRAWS]),
-                "steepness": local.steepness(slopes[k, near]),
+                **_errors(slopes[k, 0], jumping[k], firsts, terms[:DRAWS], symmetric),
+                "flatness": local.flatness(costs[k, nearest], costs[k, 0], LEVEL),
+                "roughness": local.roughness(costs[k, nearest], normals[k, 0, :DRAWS]),
+                "steepness": local.steepness(slopes[k, nearest]),
             }
         )
+        first = firsts.mean(0)
         rivals = terms[: DRAWS * equal].reshape(DRAWS, equal, n).mean(1)
-        ways = np.concatenate([[slopes[k, 0], first, terms[:AVERAGED].mean(0)], rivals])
+        ways = np.concatenate([[slopes[k, 0], first, terms[:AVERAGED].mean(0), jumping[k]], rivals])
         targets.append([local.stepped(iterates[k], ways, length) for length in (NEAR, SHORT)])
     reached = map_points(jax.vmap(J), np.concatenate(targets).reshape(-1, n), chunk=chunk).reshape(K * S, 2, -1)
     return [
@@ -99,21 +97,45 @@ def measure(
     ]
 
 
+def _errors(
+    exact: Float[np.ndarray, " n"],
+    saltation: Float[np.ndarray, " n"],
+    firsts: Float[np.ndarray, "N n"],
+    zeroths: Float[np.ndarray, "N n"],
+    symmetric: Float[np.ndarray, "M n"],
+) -> dict[str, float]:
+    """Of both gradients and of the samples of each order, against the smoothed gradient, the mean of `symmetric`."""
+    smooth = symmetric.mean(0)
+    return {
+        "gradient": float(np.linalg.norm(exact)),
+        "snr0": local.signal_to_noise(zeroths),
+        "snr1": local.signal_to_noise(firsts),
+        "cosine": local.cosine(exact, smooth),
+        "cosine, saltation": local.cosine(saltation, smooth),
+        "bias": local.relative_error(exact, smooth),
+        "bias1": local.relative_error(firsts.mean(0), smooth),
+        "smooth noise": local.noise_of_mean(symmetric),
+    }
+
+
 def _measured(name: str, points: np.ndarray, sigmas: tuple[float, ...], pairs: int, report: Callable) -> pd.DataFrame:
     equal = int(SIMULATORS["penalty"].GRADIENT_CHARGE) - 1
     with precision("penalty"):
-        return pd.DataFrame(measure(objective(name, "penalty"), points, sigmas, equal, pairs, report))
+        both = objective(name, "penalty"), objective(name, "penalty", differentiation="saltation")
+        return pd.DataFrame(measure(*both, points, sigmas, equal, pairs, report))
 
 
 def _gains(gains: Float[np.ndarray, " N"]) -> dict[str, Any]:
-    """What each direction's step gained: exact, smoothed, zeroth order of 8, and those at equal cost."""
+    """What each direction's step gained: exact, smoothed, zeroth order of 8, saltation, and those at equal cost."""
     three = dict(zip(("exact", "smoothed", "zeroth"), gains[:3], strict=True))
     best = max(three, key=lambda name: three[name])
     return {
         **{f"gain, {name}": gain for name, gain in three.items()},
-        "gain, equal": gains[3:].mean(),
+        "gain, saltation": gains[3],
+        "gain, equal": gains[4:].mean(),
         "wins": best if three[best] > 0 else "none",
-        "exact wins": local.beaten(gains[0], gains[3:]),
+        "exact wins": local.beaten(gains[0], gains[4:]),
+        "saltation wins": local.beaten(gains[3], gains[4:]),
     }
 
 
@@ -185,11 +207,18 @@ def _spread(length: int, number: int) -> np.ndarray:
 
 
 def _answer(some: pd.DataFrame) -> dict[str, Any]:
-    lowers = {f"{name} lowers": (some[f"gain, {name}"] > 0).mean() for name in ("exact", "smoothed", "zeroth")}
-    wins = {f"{name} best": (some.wins == name).mean() for name in ("exact", "smoothed", "zeroth")}
+    three = ("exact", "smoothed", "zeroth")
+    lowers = {f"{name} lowers": (some[f"gain, {name}"] > 0).mean() for name in three}
+    wins = {f"{name} best": (some.wins == name).mean() for name in three}
     ranks = {f"rho {name}": rho for name, rho in zip(STATISTICS, rank_correlations(values_of(some)), strict=True)}
     short = {
         "exact wins, 1 mm": some["exact wins, 1 mm"].mean(),
         "exact lowers, 1 mm": (some["gain, exact, 1 mm"] > 0).mean(),
     }
-    return {"iterates": len(some), "exact wins": some["exact wins"].mean(), **lowers, **wins, **short, **ranks}
+    jumps = {
+        "saltation lowers": (some["gain, saltation"] > 0).mean(),
+        "saltation wins": some["saltation wins"].mean(),
+        "saltation beats exact": (np.sign(some["gain, saltation"] - some["gain, exact"]).mean() + 1) / 2,
+        "rho cosine, saltation": rank_correlations(some[["cosine, saltation", "saltation wins"]].to_numpy(float))[0],
+    }
+    return {"iterates": len(some), "exact wins": some["exact wins"].mean(), **lowers, **wins, **short, **ranks, **jumps}
