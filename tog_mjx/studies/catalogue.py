@@ -10,11 +10,11 @@ import pandas as pd
 
 from tog_mjx.figures.basins import draw_basins
 from tog_mjx.figures.profiles import draw_profiles
-from tog_mjx.simulators import SIMULATORS
+from tog_mjx.simulators import SIMULATORS, gradient_charge
 from tog_mjx.solve import step_size
 from tog_mjx.studies.asymmetry import Asymmetry
 from tog_mjx.studies.cell import BUDGET, Cell, updates_within
-from tog_mjx.studies.methods import METHODS
+from tog_mjx.studies.methods import METHODS, RULES
 from tog_mjx.studies.quirks import released_quirks
 from tog_mjx.studies.study import Comparison, DrawnComparison, Study, TracedComparison
 from tog_mjx.studies.why import Why
@@ -24,6 +24,12 @@ ON_MJX = ("exact, plain", "exact, adam", "stochastic, plain", "zeroth order, ada
 """The methods compared on MJX too, which simulates a hundredth of what `penalty` does in the same time."""
 FEW_ON_MJX = ("exact, plain", "solve")
 """Those that the other studies run there, from 8 guesses."""
+BETWEEN_JUMPS = tuple(name for name, method in METHODS.items() if method.differentiation is None)
+"""The methods of all studies but that of three gradients."""
+TWINS = tuple((f"exact, {rule}" if rule != "solve" else rule, f"saltation, {rule}") for rule in RULES)
+"""The same update rule with the gradient between two jumps, and with the one that has them."""
+SOLVERS = TWINS[-1]
+SAMPLING = ("zeroth order, adam", "CMA-ES")
 NOISES = (0.0, 1e-4, 1e-3, 1e-2, 3e-2, 1e-1)
 """Standard deviations of the initial guess, in m."""
 
@@ -42,9 +48,10 @@ def candidates(name: str, method: str) -> Grid:
     steps = by_rule.get(rule, (0.003, 0.01, 0.03, 0.1, 0.3, 1.0))
     if estimator == "stochastic":  # Its update is, on average, sigma^2 times that of an exact gradient.
         steps = (0.1, 0.5, 2.0, 10.0, 50.0, 200.0)
-    if method == "solve":
-        steps = (step_size(get_task(name), int(BUDGET[name] / SIMULATORS["penalty"].GRADIENT_CHARGE)),)
-    needs_no_sigma = estimator in ("exact", "differences", "solve")
+    if "solve" in (estimator, rule):
+        charge = gradient_charge("penalty", METHODS[method].differentiation)
+        steps = (step_size(get_task(name), int(BUDGET[name] / charge)),)
+    needs_no_sigma = estimator in ("exact", "saltation", "differences", "solve")
     return Grid(steps, (0.0,) if needs_no_sigma else (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0))
 
 
@@ -92,7 +99,17 @@ def seeds(quick: bool, known: pd.DataFrame) -> list[Cell]:
 def tuning(quick: bool, known: pd.DataFrame) -> list[Cell]:
     """Every setting of every method, on seeds that are not reported."""
     del known
-    methods = ("exact, plain", "solve", "CMA-ES") if quick else METHODS
+    return _tuning(quick, ("exact, plain", "solve", "CMA-ES") if quick else BETWEEN_JUMPS)
+
+
+def tuning_of_three(quick: bool, known: pd.DataFrame) -> list[Cell]:
+    """The same of the methods that differ in their gradient alone, and of two that sample."""
+    del known
+    pairs = [method for twins in TWINS for method in twins]
+    return _tuning(quick, ("solve", "saltation, solve") if quick else (*pairs, *SAMPLING))
+
+
+def _tuning(quick: bool, methods: Iterable[str]) -> list[Cell]:
     seeds = range(1000, 1004 if quick else 1008)
     return [_cell(name, method, seeds, candidates(name, method)) for name, method in itertools.product(TASKS, methods)]
 
@@ -153,12 +170,55 @@ def basins(quick: bool, known: pd.DataFrame) -> list[Cell]:
     As many updates for both: on the flip what the budget pays for, on the grasp Table I's, which are fewer.
     """
     del known
-    size, cells = 9 if quick else 100, []
-    for name, updates in (("flip", 25), ("grasp", 101)):
+    return _all_over(9 if quick else 100, 1 if quick else 4, ("exact, plain", "solve"))
+
+
+def _all_over(size: int, parts: int, methods: Iterable[str]) -> list[Cell]:
+    """Each method with Table I's exact step, or with what `solve` takes for as many updates."""
+    cells = []
+    for (name, updates), method in itertools.product((("flip", 25), ("grasp", 101)), methods):
         task = get_task(name)
-        for method, step in (("exact, plain", task.exact.step_size), ("solve", step_size(task, updates))):
-            for part in np.array_split(np.arange(size**2), 1 if quick else 4):
-                cells.append(Cell(name, "penalty", method, updates, tuple(part.tolist()), steps=(step,), window=size))
+        step = step_size(task, updates) if method in SOLVERS else task.exact.step_size
+        for part in np.array_split(np.arange(size**2), parts):
+            cells.append(Cell(name, "penalty", method, updates, tuple(part.tolist()), steps=(step,), window=size))
+    return cells
+
+
+def three_gradients(quick: bool, known: pd.DataFrame) -> list[Cell]:
+    """Between two jumps, with the jumps, or from samples.
+
+    The chosen settings from guesses ever farther off, those of 3 cm with what was found under setpoint errors; then the
+    two gradients alone: Table I's exact rule, all of the window, more variables, and the cost averaged over errors. On
+    `mjx` Table I's exact rule and `solve`.
+    """
+    some, errors, cells = range(4 if quick else 100), (1e-4, 1e-3, 3e-3, 1e-2), []
+    for of in _tuned(known):
+        grid, is_tried = chosen(known, *of), of[1] in (*TWINS[1], *SOLVERS, "CMA-ES")
+        cells.append(_cell(*of, some, grid, tested=errors if is_tried else ()))
+        if not quick:
+            cells.append(_cell(*of, range(32), grid, noises=(1e-3, 1e-2, 1e-1)))
+        if of[1] in SOLVERS and not quick:
+            cells.append(_cell(*of, range(16), grid, tested=errors, error=0.01))
+            cells += [_cell(*of, range(16), grid, knots=knots) for knots in (4, 16)]
+            cells.append(_cell(*of, range(8), grid, "mjx"))
+    return _of_table_1(quick) + _all_over(5 if quick else 40, 1, (*TWINS[0], *SOLVERS)) + cells
+
+
+def _of_table_1(quick: bool) -> list[Cell]:
+    """Table I from the paper's guess; on `penalty` also its exact rule, with either gradient, from others."""
+    cells = []
+    for simulator, name in itertools.product(("penalty",) if quick else ("mjx", "penalty"), TASKS):
+        task = get_task(name)
+        for method, rule in (("exact, plain", task.exact), ("saltation, plain", task.exact)):
+            cell = Cell(name, simulator, method, 1 + rule.iterations, steps=(rule.step_size,))
+            cells.append(cell)
+            if simulator == "penalty" and not quick:
+                cells.append(dataclasses.replace(cell, seeds=tuple(range(32)), noises=(1e-4, 3e-2)))
+        if simulator == "penalty":
+            rule, members = task.stochastic, tuple(range(4 if quick else 64))
+            updates = 1 + (min(rule.iterations, 100) if quick else rule.iterations)
+            steps, sigmas = (rule.step_size,), (rule.sigma,)
+            cells.append(Cell(name, simulator, "stochastic, plain", updates, members, steps=steps, sigmas=sigmas))
     return cells
 
 
@@ -185,6 +245,11 @@ STUDIES: dict[str, Study] = {
         (basins,),
         (*_COMPARED, "step"),
         draw_basins,
+    ),
+    "three_gradients": TracedComparison(
+        "Which of the findings depend on the jumps that the exact gradient does not see?",
+        (tuning_of_three, three_gradients),
+        (*_COMPARED, "updates", "step", "sigma", "noise", "knots", "error", "window"),
     ),
     "asymmetry": Asymmetry(),
     "why": Why(),

@@ -130,11 +130,13 @@ class DrawnComparison(Comparison):
 
 @dataclasses.dataclass(frozen=True)
 class TracedComparison(Comparison):
-    """With J against iteration in the last stage, over members. Implements `Drawn`."""
+    """With J against iteration in the last stage, over the members that start at the paper's guess. Implements
+    `Drawn`."""
 
     def draw(self, quick: bool, store: Store, table: pd.DataFrame) -> Figure:
         cells = self.stages[-1](quick, table[table.stage < table.stage.max()])
-        costs = {(cell.task, cell.simulator, cell.method): store.finish(cell).costs for cell in cells}
+        from_the_papers = [cell for cell in cells if cell.noises == (0.0,) and not cell.window]
+        costs = {(cell.task, cell.simulator, cell.method): store.finish(cell).costs for cell in from_the_papers}
         return draw_bands(costs, SUCCESS)
 
 
