@@ -92,7 +92,7 @@ def test_twins_differ_in_their_gradient_alone():
     settings = [("flip", "grasp"), METHODS, (0,), (0.1,), (0.03,), (True,), (0.1,)]
     columns = ["task", "method", "stage", "step", "sigma", "succeeded", "best"]
     known = pd.DataFrame(itertools.product(*settings), columns=columns)
-    cells = catalogue.three_gradients(False, known)
+    cells = [cell for cell in catalogue.three_gradients(False, known) if cell.simulator == "penalty"]
     assert {method for twins in catalogue.TWINS for method in twins} < {cell.method for cell in cells}
     for twins in catalogue.TWINS:
         exact, saltation = ([cell for cell in cells if cell.method == method] for method in twins)
