@@ -99,7 +99,8 @@ def test_twins_differ_in_their_gradient_alone():
         for one, other in zip(exact, saltation, strict=True):
             assert dataclasses.replace(one, method="", updates=0) == dataclasses.replace(other, method="", updates=0)
             spent = one.updates * one.charge, other.updates * other.charge
-            assert one.updates == other.updates or max(spent) <= BUDGET[one.task] < min(spent) + other.charge
+            given = BUDGET[one.task] * (8 if one.error else 1)  # The average of eight draws.
+            assert one.updates == other.updates or max(spent) <= given < min(spent) + other.charge
 
 
 def test_a_budget_buys_updates_by_what_they_use():

@@ -30,7 +30,7 @@ def draw_bands(
     """
     tasks, simulators, _ = (list(dict.fromkeys(names)) for names in zip(*traces, strict=True))
     with rc_context(RC):
-        figure = new_figure(3.2 * len(simulators), 2.7 * len(tasks) + 0.5)
+        figure = new_figure(max(4.4, 3.2 * len(simulators)), 2.7 * len(tasks) + 0.5)
         panels = figure.subplots(len(tasks), len(simulators), squeeze=False, sharex="row", sharey="row")
         for (task, simulator, method), costs in traces.items():
             _plot(panels[tasks.index(task), simulators.index(simulator)], method, costs)
@@ -47,7 +47,8 @@ def draw_bands(
             axes.set_ylabel(rf"cost $J_\mathrm{{{task}}}$")
         looks = [axes.get_legend_handles_labels() for axes in panels.flat]
         named = {label: look for some in looks for look, label in zip(*some, strict=True)}
-        figure.legend(named.values(), named, loc="outside lower center", ncols=5, frameon=False, fontsize=8)
+        columns = min(5, 2 * len(simulators))
+        figure.legend(named.values(), named, loc="outside lower center", ncols=columns, frameon=False, fontsize=8)
     return figure
 
 

@@ -188,19 +188,22 @@ def three_gradients(quick: bool, known: pd.DataFrame) -> list[Cell]:
     """Between two jumps, with the jumps, or from samples.
 
     The chosen settings from guesses ever farther off, those of 3 cm with what was found under setpoint errors; then the
-    two gradients alone: Table I's exact rule, all of the window, more variables, and the cost averaged over errors. On
-    `mjx` the grasp with the jumps.
+    two gradients alone: Table I's exact rule, all of the window, mirrored setpoints, more variables, and the cost
+    averaged over errors. On `mjx` the grasp with the jumps.
     """
     some, errors, cells = range(4 if quick else 64), (1e-4, 1e-3, 3e-3, 1e-2), []
     for of in _tuned(known):
         grid, is_tried = chosen(known, *of), of[1] in (*TWINS[1], *SOLVERS, "CMA-ES")
         cells.append(_cell(*of, some, grid, tested=errors if is_tried else ()))
-        if not quick:
-            cells.append(_cell(*of, range(32), grid, noises=(1e-3, 1e-1)))
-        if of[1] in SOLVERS and not quick:
-            cells.append(_cell(*of, range(16), grid, tested=errors, error=0.01))
+        if quick:
+            continue
+        cells.append(_cell(*of, range(32), grid, noises=(1e-3, 1e-1)))
+        if of[0] == "grasp" and of[1] in (*TWINS[0], *TWINS[1], *SOLVERS):
+            cells.append(_cell(*of, range(32), grid, symmetric=True))
+        if of[1] in SOLVERS:
+            cells.append(dataclasses.replace(_cell(*of, range(16), grid, tested=errors), error=0.01))
             cells += [_cell(*of, range(16), grid, knots=knots) for knots in (4, 16)]
-        if of == ("grasp", SOLVERS[1]) and not quick:
+        if of == ("grasp", SOLVERS[1]):
             cells.append(_cell(*of, range(8), grid, "mjx"))
     return _of_table_1(quick) + _all_over(5 if quick else 30, 1, (*TWINS[0], *SOLVERS)) + cells
 
@@ -251,7 +254,7 @@ STUDIES: dict[str, Study] = {
     "three_gradients": TracedComparison(
         "Which of the findings depend on the jumps that the exact gradient does not see?",
         (tuning_of_three, three_gradients),
-        (*_COMPARED, "updates", "step", "sigma", "noise", "knots", "error", "window"),
+        (*_COMPARED, "updates", "step", "sigma", "noise", "knots", "symmetric", "error", "window"),
     ),
     "asymmetry": Asymmetry(),
     "why": Why(),
