@@ -202,7 +202,7 @@ def three_gradients(quick: bool, known: pd.DataFrame) -> list[Cell]:
             cells.append(_cell(*of, range(32), grid, symmetric=True))
         if of[1] in SOLVERS:
             cells.append(dataclasses.replace(_cell(*of, range(16), grid, tested=errors), error=0.01))
-            cells += [_cell(*of, range(16), grid, knots=knots) for knots in (4, 16)]
+            cells += [_cell(*of, range(16), grid, knots=knots) for knots in (4, 16, 128)]
         if of == ("grasp", SOLVERS[1]):
             cells.append(_cell(*of, range(8), grid, "mjx"))
     return _of_table_1(quick) + _all_over(5 if quick else 30, 1, (*TWINS[0], *SOLVERS)) + cells
