@@ -22,7 +22,7 @@ from tog_mjx.studies.study import Drawn, Store
 
 def main() -> None:
     args = parse_arguments()
-    console = Console(width=None if Console().is_terminal else 160, highlight=False)
+    console = Console(width=None if Console().is_terminal else 320, highlight=False)
     check_writable(args.out / "table.csv")
     store = Store(args.out / "cells", args.resume)
     for name in args.names:

@@ -33,7 +33,7 @@ class MjxSimulator:
     OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"differentiation": tuple(STEPS)}
     CHUNK: ClassVar[int] = 64
     GRADIENT_CHARGE: ClassVar[float] = 4.0
-    SALTATION_CHARGE: ClassVar[float] = 4.0
+    SALTATION_CHARGE: ClassVar[float] = 5.0
 
     model: mjx.Model
     joints: tuple[int, ...] = dataclasses.field(metadata={"static": True})
