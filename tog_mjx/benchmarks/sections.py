@@ -37,7 +37,6 @@ UNROLLED = 20
 """Time steps of the Python loop, whose times are scaled to the whole horizon."""
 SIMULATED = ("penalty", "mjx")
 """In batches and crossovers."""
-JUMPS = {"differentiation": "saltation"}
 PATIENCE = 5.0
 """Seconds: a gradient that takes longer is measured once, and its method left out from then on."""
 
@@ -80,13 +79,14 @@ def single(task: Task, repeats: int, report: Report) -> list[Row]:
 def _single_rivals(task: Task) -> list[tuple[str, str, Callable]]:
     """Name, what it computes, and the function of u."""
     found: list[tuple[str, str, Callable]] = []
-    for name, options in (("penalty", {}), ("penalty", JUMPS), ("released", {}), ("mjx", {}), ("mjx", JUMPS)):
-        cost = functools.partial(final_cost, task, make_simulator(name, task.scene, **options))
-        name = ", ".join([name, *options.values()])
+    for name in ("penalty", "released", "mjx"):
+        cost = functools.partial(final_cost, task, make_simulator(name, task.scene))
         found += [(name, "J", cost), (name, "forward mode", jax.jacfwd(cost)), (name, "reverse mode", jax.grad(cost))]
-    jumps = functools.partial(final_cost, task, make_simulator("mjx", task.scene, differentiation="saltation"))
-    name = "mjx, saltation"
-    found += [(name, "J", jumps), (name, "forward mode", jax.jacfwd(jumps)), (name, "reverse mode", jax.grad(jumps))]
+        if name in SIMULATED:
+            engine = make_simulator(name, task.scene, differentiation="saltation")
+            cost = functools.partial(final_cost, task, engine)
+            found.append((name, "forward mode, saltation", jax.jacfwd(cost)))
+            found.append((name, "reverse mode, saltation", jax.grad(cost)))
     stock = functools.partial(final_cost, task, one_iteration(make_simulator("mjx", task.scene)))
     found.append(("mjx, native, 1 iteration", "J", stock))
     found.append(("mjx, native, 1 iteration", "reverse mode", jax.grad(stock)))
