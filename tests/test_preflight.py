@@ -176,7 +176,6 @@ KNOWN = [
     ({}, "geom_friction", 0.0, "is equal, and a contact takes the larger", "scene.xml:4, scene.xml:7"),
     ({}, "dof_frictionloss", 0.0, "3 of its entries are of no constraint", ""),
     ({}, "body_mass", 0.0, "do not follow", ""),
-    ({}, "geom_solimp", 0.0, "reverse mode gives NaN", ""),
     (
         {"EXTRA": '<body name="top" pos="2 0 1"><joint type="ball"/><geom size=".1"/></body>'}, "", 0.0,
         "body top: a force at its centre does not move it", "scene.xml:13",
@@ -229,7 +228,6 @@ def test_a_joint_that_leaves_its_limit_at_once_is_at_a_kink_for_positions_alone(
         ({"JOINT": 'frictionloss="1"'}, "dof_frictionloss[1]", 0.0, "1 of its entries", ("dof_frictionloss[0]",)),
         ({"JOINT": 'range="-90 90"'}, "jnt_range[2, 1]", 0.0, "1 of its entries", ("jnt_range[0, 1]",)),
         ({"JOINT": 'range="0 90" springref="0"'}, "qpos[0]", 0.0, "exactly at its limit", ("qpos[1]",)),
-        ({}, "geom_solimp[0, 1]", 0.0, "reverse mode gives NaN", ("geom_solref[0, 1]",)),
     ],
 )
 def test_of_one_number_the_same_is_told_and_of_its_neighbours_nothing(tmp_path, edits, wrt, ctrl, what, others):

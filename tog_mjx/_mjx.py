@@ -8,12 +8,17 @@ which versions are let in. `tests/test_mjx_private.py` holds every one of these 
 import contextlib
 import importlib.metadata
 import io
+import threading
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Array, Float
+
+from tog_mjx.safe import impedance, rotation_vector, with_derivative_of
 
 OLDEST, NEXT = (3, 17), (4, 0)
 
@@ -30,6 +35,8 @@ def check_version(version: str) -> None:
 check_version(importlib.metadata.version("mujoco-mjx"))
 with contextlib.redirect_stdout(io.StringIO()):
     from mujoco import mjx as mjx
+    from mujoco.mjx._src import constraint as _constraint
+    from mujoco.mjx._src import math as _math
     from mujoco.mjx._src.collision_driver import geom_pairs as geom_pairs
     from mujoco.mjx._src.collision_driver import has_collision_fn as has_collision_fn
 
@@ -93,3 +100,38 @@ def with_margins(model: mjx.Model, data: mjx.Data, joint: Array, tendon: Array, 
 def tendon_jacobian(data: mjx.Data) -> Float[Array, "ntendon nv"]:
     """The derivative of the tendons' lengths in the joint positions."""
     return data._impl.ten_J
+
+
+def _axis_angle(quaternion: Float[Array, "4"]) -> tuple[Array, Array]:
+    # MJX multiplies both wherever it asks for them; where nothing turns, neither alone has the product's derivative.
+    axis, angle = _stock_axis_angle(quaternion)
+    return with_derivative_of(axis * angle, rotation_vector(quaternion)), jnp.ones_like(angle)
+
+
+def _stiffness_damping_impedance(model: mjx.Model, solref: Array, solimp: Array, violation: Array) -> tuple:
+    stiffness, damping, stock = _stock_stiffness_damping_impedance(model, solref, solimp, violation)
+    return stiffness, damping, with_derivative_of(stock, impedance(solimp, violation))
+
+
+_stock_axis_angle, _stock_stiffness_damping_impedance = _math.quat_to_axis_angle, _constraint._kbi
+_lock, _inside = threading.Lock(), 0
+
+
+@contextlib.contextmanager
+def mended() -> Iterator[None]:
+    """While this lasts MJX traces two of its functions with the same values, and derivatives that are right.
+
+    Stock MJX has the derivative zero, or NaN, of a rotation that is at rest (springs and servos of ball and free
+    joints, `refsite`) and of an impedance whose power is no whole number. Any number of threads may be inside.
+    """
+    global _inside
+    with _lock:
+        _inside += 1
+        _math.quat_to_axis_angle, _constraint._kbi = _axis_angle, _stiffness_damping_impedance
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if not _inside:
+                _math.quat_to_axis_angle, _constraint._kbi = _stock_axis_angle, _stock_stiffness_damping_impedance

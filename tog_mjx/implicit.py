@@ -35,10 +35,11 @@ from jax.custom_derivatives import SymbolicZero
 from jax.scipy.linalg import cho_factor, cho_solve
 from jaxtyping import Array, Float
 
-from tog_mjx._mjx import constraint_rows, mjx, tendon_jacobian, with_constraint_force
+from tog_mjx._mjx import constraint_rows, mended, mjx, tendon_jacobian, with_constraint_force
 from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, read_rows, require_jax, residual
 from tog_mjx.errors import InputError
-from tog_mjx.integration import integrate, with_derivative_of
+from tog_mjx.integration import integrate
+from tog_mjx.safe import with_derivative_of
 from tog_mjx.saltation import effects, gaps
 
 Step = Callable[[mjx.Model, mjx.Data], mjx.Data]
@@ -63,6 +64,7 @@ def step(model: mjx.Model, data: mjx.Data, *, differentiation: str = "implicit")
     return STEPS[differentiation](model, data)
 
 
+@mended()
 def forward(model: mjx.Model, data: mjx.Data, saltation: bool = False) -> mjx.Data:
     """`mjx.forward`, differentiable: the accelerations and forces of a state, without integration."""
     require_jax(model, data)

@@ -9,7 +9,6 @@ The values are MJX's own (RK4's, whose stages are called here, up to rounding). 
 """
 
 from collections.abc import Callable
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +16,9 @@ from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError
-from tog_mjx.safe import cos_sinc
+from tog_mjx.safe import cos_sinc, with_derivative_of
 
 Forward = Callable[[mjx.Model, mjx.Data], mjx.Data]
-Tree = TypeVar("Tree")
 
 
 def integrate(model: mjx.Model, data: mjx.Data, forward: Forward) -> mjx.Data:
@@ -42,11 +40,6 @@ def integrate(model: mjx.Model, data: mjx.Data, forward: Forward) -> mjx.Data:
             )
     qpos = positions_after(model, data.qpos, model.opt.timestep * after.qvel)
     return after.replace(qpos=with_derivative_of(after.qpos, qpos))
-
-
-def with_derivative_of(value: Tree, differentiable: Tree) -> Tree:
-    """The first argument's value, to the bit, with the second one's derivative; they are equal up to rounding."""
-    return jax.tree.map(lambda v, d: jax.lax.stop_gradient(v) + (d - jax.lax.stop_gradient(d)), value, differentiable)
 
 
 def positions_after(model: mjx.Model, qpos: Float[Array, " nq"], change: Float[Array, " nv"]) -> Float[Array, " nq"]:

@@ -1,9 +1,19 @@
 """Singular mathematics with a defined gradient, in one place."""
 
 import functools
+from typing import TypeVar
 
+import jax
 import jax.numpy as jnp
+import mujoco
 from jaxtyping import Array, Float
+
+Tree = TypeVar("Tree")
+
+
+def with_derivative_of(value: Tree, differentiable: Tree) -> Tree:
+    """The first argument's value, to the bit, with the second one's derivative; they are equal up to rounding."""
+    return jax.tree.map(lambda v, d: jax.lax.stop_gradient(v) + (d - jax.lax.stop_gradient(d)), value, differentiable)
 
 
 def safe_norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
@@ -24,3 +34,34 @@ def cos_sinc(squared: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, 
         for last in (17, 18)
     )
     return jnp.where(is_small, cos, jnp.cos(angle)), jnp.where(is_small, sinc, jnp.sin(angle) / angle)
+
+
+def rotation_vector(quaternion: Float[Array, "4"]) -> Float[Array, "3"]:
+    """The axis times the angle [rad], in (-pi, pi], of a unit quaternion (w, x, y, z); smooth where nothing turns."""
+    w, v = quaternion[0], quaternion[1:]
+    sine = safe_norm(v)
+    # 2 atan(t) / s with t = s / w; below 1e-3 by its series, of which the first term left out is below 1e-18.
+    is_small = sine < 1e-3 * jnp.abs(w)
+    t = jnp.where(is_small, (v @ v) / jnp.where(is_small, w, 1.0) ** 2, 0.0)
+    series = 2 / jnp.where(is_small, w, 1.0) * (1 - t * (1 / 3 - t * (1 / 5 - t / 7)))
+    angle = 2 * jnp.arctan2(jnp.where(is_small, 1.0, sine), w)
+    angle = jnp.where(angle > jnp.pi, angle - 2 * jnp.pi, angle)
+    return v * jnp.where(is_small, series, angle / jnp.where(is_small, 1.0, sine))
+
+
+def impedance(solimp: Float[Array, "5"], violation: Float[Array, ""]) -> Float[Array, ""]:
+    """MuJoCo's d(r) of `solimp` (d0, d_width, width, midpoint, power), differentiable in all of them.
+
+    No power is taken of a negative number, and no bound is clipped that d(r) keeps by itself: there MJX's derivative is
+    NaN in reverse mode, or half. Source: MuJoCo documentation, Modeling, "Solver parameters".
+    """
+    least, most = mujoco.mjMINIMP, mujoco.mjMAXIMP
+    d0, d1, mid = (jnp.clip(solimp[i], least, most) for i in (0, 1, 3))
+    width, power = jnp.maximum(mujoco.mjMINVAL, solimp[2]), jnp.maximum(1, solimp[4])
+    x = jnp.where(violation < 0, -violation, violation) / width  # At zero an even power has its second derivative.
+    is_low, is_within = x < mid, x < 1
+    base = jnp.where(is_low, x, 0.5) + jnp.finfo(x.dtype).tiny  # No power has an infinite derivative.
+    low = base**power / mid ** (power - 1)
+    high = 1 - jnp.where(is_within, 1 - x, 0.5) ** power / (1 - mid) ** (power - 1)
+    rise = jnp.where(is_low, low, jnp.where(is_within, high, 1.0))
+    return jnp.where(d0 <= d1, d0 + rise * (d1 - d0), d1)

@@ -211,9 +211,6 @@ def absent(question: Question) -> Iterator[Spoiler]:
     if array in ("body_mass", "body_inertia"):
         what = f"{array}: the inverse weights that scale the constraints do not follow it"
         yield Spoiler(Culprit(what), "move body_invweight0 and dof_invweight0 along, or recompile for differences")
-    if "solimp" in array or "solmix" in array:
-        what = f"{array}: reverse mode gives NaN where a distance is beyond solimp's width, and its power is not 1"
-        yield Spoiler(Culprit(what), "use forward mode")
 
 
 def infinite_stiffness(question: Question) -> Iterator[Spoiler]:
