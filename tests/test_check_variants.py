@@ -1,6 +1,8 @@
 """The checks that run a motion otherwise: their judgements of sequences, and what they change in the model."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 
 from tog_mjx._mjx import put_model
 from tog_mjx.checks.finding import Finding, Level
-from tog_mjx.checks.motion import Simulation
+from tog_mjx.checks.motion import Motion, Simulation
 from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.starts import keyframe_start
 from tog_mjx.checks.variants import judge_solver, judge_stiffness, judge_time_step, stiffer, time_step
@@ -40,6 +42,37 @@ def test_a_gradient_of_the_time_step_is_not_trusted(changes, level, words):
     assert bool(found.remedy) == (level > Level.FINE)
     if "settles at dt/4" in found.sentence:
         assert found.remedy.startswith("set <option timestep='0.0025'> and take 400 steps")
+
+
+class Pushed(Simulation):
+    """A mass of 1 kg under a force u, by semi-implicit Euler: d x / d u after n steps is n (n + 1) dt^2 / 2."""
+
+    def __init__(self, steps: int):
+        model = mujoco.MjModel.from_xml_string("<mujoco><option timestep='0.01'/></mujoco>")
+        self.scene: Any = SimpleNamespace(steps=steps, model=model)
+        self.model = put_model(model)
+        self.runs: list[tuple[int, float]] = []
+
+    def run(self, model: Any = None, steps: int | None = None, start: Any = None) -> Motion:  # noqa: ARG002
+        n, dt = steps or self.scene.steps, float((model or self.model).opt.timestep)
+        self.runs.append((n, dt))
+        nothing: dict[str, Any] = dict.fromkeys(Motion._fields)
+        return Motion(**nothing)._replace(slopes=np.array([[n * (n + 1) * dt**2 / 2]]))
+
+
+@pytest.mark.parametrize(("steps", "level"), [(1, Level.FINE), (2, Level.CARE), (5, Level.FINE), (100, Level.FINE)])
+def test_one_step_has_nothing_to_refine_and_more_keep_their_horizon(steps, level):
+    """By semi-implicit Euler the derivative is (1 + 1 / n) of its limit: the change is 1 / (2 n + 2)."""
+    pushed = Pushed(steps)
+    found = time_step(pushed, pushed.run())
+    assert found.level == level, found.sentence
+    np.testing.assert_allclose([n * dt for n, dt in pushed.runs], steps * 0.01, rtol=1e-12)
+    if steps > 1:
+        assert found.value == pytest.approx(1 / (2 * steps + 2))
+        assert len(pushed.runs) >= 3
+    else:
+        assert (len(pushed.runs), found.value) == (1, None)
+        assert found.sentence == "not halved: the motion is one time step, with nothing to refine"
 
 
 CUBE = """<mujoco>

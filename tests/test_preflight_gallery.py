@@ -6,6 +6,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.preflight import Remark, preflight
 
 GALLERY = Path(__file__).parent / "scenes" / "verdicts"
@@ -44,3 +45,11 @@ def test_faults_of_the_gallery_that_can_be_read_are_told(file, what, where):
     (remark,) = [remark for remark in gallery_remarks(EXPECTED[file]) if what in remark.what]
     assert where in remark.where
     assert remark.blocks == (file == "unsupported.xml")
+
+
+def test_only_a_check_that_was_run_can_say_that_a_feature_does_no_harm():
+    """Where the time step was not halved there is no number, and the fear stays."""
+    feared = Remark(Level.CARE, "a stiff spring", "", "soften it", measured_by="time step")
+    found = [feared.finding([Finding("time step", Level.FINE, "", value)]) for value in (None, 0.01)]
+    assert [some.level for some in found] == [Level.CARE, Level.FINE]
+    assert "has measured" not in found[0].sentence

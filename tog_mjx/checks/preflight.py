@@ -39,7 +39,10 @@ class Remark(NamedTuple):
     def finding(self, measured: Sequence[Finding] = ()) -> Finding:
         """What it says in a verdict: nothing grave where one of the checks has measured that it does no harm."""
         told = ("MJX does not support " if self.blocks else "") + self.what + (f" ({self.where})" if self.where else "")
-        is_fine = any(some.check == self.measured_by and some.level == Level.FINE for some in measured)
+        # A check that was left out has no value, and has measured nothing.
+        is_fine = any(
+            some.check == self.measured_by and some.level == Level.FINE and some.value is not None for some in measured
+        )
         if self.level == Level.CARE and is_fine:
             told += f"; but '{self.measured_by}' has measured that it does no harm here"
             return Finding("preflight", Level.FINE, told)

@@ -37,7 +37,13 @@ point, and more iterations cost little."""
 
 
 def time_step(simulation: Simulation, motion: Motion) -> Finding:
-    """Does the gradient converge as the time step is halved, at the same horizon? If not: until it settles."""
+    """Does the gradient converge as the time step is halved, at the same horizon? If not: until it settles.
+
+    A motion of one step is not: it is that map which is asked for, and not its limit, in which an activation reaches
+    the positions that it does not reach within one step.
+    """
+    if simulation.scene.steps == 1:
+        return Finding("time step", Level.FINE, "not halved: the motion is one time step, with nothing to refine")
     found: list[np.ndarray] = [motion.slopes]
     changes: list[float] = []
     most = max(2, min(HALVINGS, int(np.log2(LONGEST / simulation.scene.steps))))
