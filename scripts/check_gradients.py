@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from rich.console import Console
-from rich.markup import escape
+from rich.text import Text
 
 from tog_mjx.checks.finding import Finding, Level, Verdict
 from tog_mjx.checks.page import write_page
@@ -21,7 +21,7 @@ from tog_mjx.implicit import STEPS
 from tog_mjx.scene import compile_model, scene_path
 from tog_mjx.storage import atomic_write, check_writable
 
-_MARKS = {Level.FINE: "[green]fine [/]", Level.CARE: "[yellow]care [/]", Level.FAULT: "[red]fault[/]"}
+_COLOURS = {Level.FINE: "green", Level.CARE: "yellow", Level.FAULT: "red"}
 
 
 def main() -> None:
@@ -79,9 +79,13 @@ def parse_arguments() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def told(finding: Finding) -> str:
-    remedy = f"\n      [dim]{escape(finding.remedy)}[/]" if finding.remedy else ""
-    return f"{_MARKS[finding.level]} [bold]{finding.check}[/]: {escape(finding.sentence)}{remedy}"
+def told(finding: Finding) -> Text:
+    """`str(finding)` in colours."""
+    text = Text(str(finding))
+    text.stylize(_COLOURS[finding.level], 0, 5)
+    text.stylize("bold", 6, 6 + len(finding.check))
+    text.stylize("dim", len(text) - len(finding.remedy))
+    return text
 
 
 def write_json(path: Path, verdict: Verdict) -> None:

@@ -130,6 +130,19 @@ def test_the_gradient_is_in_the_verdict():
     np.testing.assert_allclose(verdict.value, [np.sin(0.3) + np.sin(0.7) + 0.21], rtol=1e-12)
 
 
+def test_a_verdict_in_words_is_what_the_command_prints():
+    def lost(x):
+        return jax.lax.stop_gradient(x[0]) + x[1]
+
+    found = str(tog.check(lost, np.array([0.5, 1.0]))).splitlines()
+    assert found[0] == "fine  finite: value and gradient are finite"
+    assert found[1] == "fault zeros: x[0]: autodiff says zero, but differences do not"
+    assert found[2].startswith("      the code drops this derivative: of mjx.step differentiate tog.step")
+    sentence = "do not trust: x[0]: autodiff says zero, but differences do not"
+    assert found[-1] == f"lost in 2 variables: {sentence}"
+    assert not any("Finding(" in line or "curves" in line for line in found)
+
+
 def test_of_many_variables_directions_are_taken():
     verdict = tog.check(lambda x: (x**2).sum(), np.linspace(-1, 1, 50))
     assert verdict.level == Level.FINE

@@ -13,7 +13,7 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx.checks.agreement import Sweep, sweep
-from tog_mjx.checks.finding import Level
+from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.motion import NEVER, Simulation
 from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.stages import contacts, growth, untouched
@@ -244,12 +244,15 @@ def test_bad_input_is_one_line(run_script, tmp_path):
 def test_the_script_writes_json_and_a_page(run_script, tmp_path):
     out = (tmp_path / "verdict.json", tmp_path / "verdict.html")
     arguments = (GALLERY / "smooth_arm.xml", "--quick", "--output", "qpos", "--json", out[0], "--html", out[1])
-    status, said, _ = run_script("check_gradients.py", *arguments)
+    status, said, heard = run_script("check_gradients.py", *arguments)
     found, page = json.loads(out[0].read_text()), out[1].read_text()
     assert status == 0
     assert said.strip().endswith("trust: no check found a fault")
     assert found["verdict"] == "trust"
     validate_verdict(found)
+    for some in found["findings"]:
+        level = Level[some["level"].upper()]
+        assert str(Finding(some["check"], level, some["sentence"], None, some["remedy"])) in heard
     curves = [finding["check"] for finding in found["findings"] if finding["curves"]]
     assert page.count("<img ") == len([name for name in curves if name != "cost"]) >= 3
     assert jax.config.values["jax_enable_x64"]

@@ -34,6 +34,11 @@ class Finding:
     remedy: str = ""
     curves: Mapping[str, Sequence[int | float]] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        """How much it weighs, the check, its sentence, and the remedy in a line of its own."""
+        remedy = f"\n      {self.remedy}" if self.remedy else ""
+        return f"{self.level.name.lower():<5} {self.check}: {self.sentence}{remedy}"
+
     def as_json(self) -> dict[str, Any]:
         """Of numbers, text, lists and None alone: what is not finite is None."""
         curves = {name: [_number(x) for x in curve] for name, curve in self.curves.items()}
@@ -55,6 +60,10 @@ class Verdict:
     outputs: tuple[str, ...] = ()
     value: Sequence[int | float] = ()
     gradient: Sequence[Sequence[int | float]] = ()
+
+    def __str__(self) -> str:
+        """All findings and the verdict's line, as `scripts/check_gradients.py` prints them."""
+        return "\n".join([*map(str, self.findings), f"{self.subject}: {self.line}"])
 
     @property
     def level(self) -> Level:
