@@ -9,6 +9,7 @@ import numpy as np
 
 from tog_mjx._mjx import mjx
 from tog_mjx.checks.spoilers import AGREEMENT, COARSE, Question, Spoiler
+from tog_mjx.checks.unused import frictions
 from tog_mjx.supported import Culprit, candidates, name_of
 
 _EXACTLY = 1e-9
@@ -185,6 +186,7 @@ def ties(question: Question) -> Iterator[Spoiler]:
     for first, second, pair in candidates(model):
         is_even = pair < 0 and model.geom_priority[first] == model.geom_priority[second]
         is_equal = model.geom_friction[first] == model.geom_friction[second]
+        is_equal[frictions(model, first, second) :] = False
         if is_even and (is_equal & (asked[first] | asked[second])).any():
             tied.append((first, second))
     if tied:

@@ -115,7 +115,9 @@ def _checks(
     scene, n = simulation.scene, simulation.scene.size
     differences = sweep(simulation.values, np.zeros(n), simulation.directions)
     unreached = lambda: untouched(simulation, motion)  # noqa: E731
-    yield "zeros", lambda: zeros(motion.slopes, differences, names, scene.outputs, scene.bodies, unreached)
+    kin, unused = (scene.kin, scene.unused) if names == scene.variables else (None, None)  # Directions are of all.
+    args = motion.slopes, differences, names, scene.outputs, scene.bodies, unreached, kin, unused
+    yield "zeros", lambda: zeros(*args)
     yield "growth", lambda: growth(simulation, motion)  # Before what it is the cause of.
     jumps = find_jumps(simulation.values, np.zeros(n), simulation.directions, differences)
     where = lambda some: touch_down(simulation, *some.sides)  # noqa: E731

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from tog_mjx._mjx import mjx
+from tog_mjx.checks.unused import unused
 from tog_mjx.errors import InputError
 from tog_mjx.integration import positions_after
 from tog_mjx.state import on_mjx
@@ -96,6 +97,22 @@ class SceneFunction:
         elif name != "qvel":
             return np.zeros(len(self.outputs), int)
         return trees[_entries(str(self.output), trees.shape)]
+
+    @property
+    def kin(self) -> Int[np.ndarray, " n"]:
+        """What each of x [n] acts on, by number: of positions and velocities the tree of bodies; each control is meant
+        to act by itself; of a field of the model some numbers may well do so, and others not."""
+        match _name(self.wrt):
+            case "ctrl":
+                return self._chosen
+            case "qpos" | "qvel":
+                return self.model.dof_treeid[self._chosen]
+        return np.zeros(self.size, int)
+
+    @property
+    def unused(self) -> Bool[np.ndarray, " n"]:
+        """Which of x [n] are numbers of the model that nothing reads."""
+        return np.broadcast_to(unused(self.model, _name(self.wrt)), self._shape).ravel()[self._chosen]
 
     @property
     def _shape(self) -> tuple[int, ...]:
