@@ -130,6 +130,24 @@ def test_the_gradient_is_in_the_verdict():
     np.testing.assert_allclose(verdict.value, [np.sin(0.3) + np.sin(0.7) + 0.21], rtol=1e-12)
 
 
+def test_the_gradient_is_per_unit_of_each_variable_and_beside_it_per_size():
+    verdict = tog.check(lambda x: x[0] ** 2 * x[1], np.array([5.0, 0.5]))
+    np.testing.assert_allclose(verdict.gradient, [[5.0, 25.0]], rtol=1e-12)
+    found = verdict.as_json()
+    assert found["scale"] == [5.0, 1.0]
+    np.testing.assert_allclose(found["gradient"], [[5.0, 25.0]], rtol=1e-12)
+    np.testing.assert_allclose(found["scaled_gradient"], [[25.0, 25.0]], rtol=1e-12)
+
+
+def test_along_random_directions_it_is_per_unit_of_length():
+    weights = np.arange(1.0, 51.0)
+    verdict = tog.check(lambda x: x @ weights, np.full(50, 4.0))
+    assert len(verdict.scale) == 6
+    np.testing.assert_allclose(verdict.scale, 4.0, rtol=1e-12)
+    assert np.max(np.abs(verdict.gradient)) <= np.linalg.norm(weights)
+    np.testing.assert_allclose(verdict.scaled_gradient, 4 * np.array(verdict.gradient), rtol=1e-12)
+
+
 def test_a_verdict_in_words_is_what_the_command_prints():
     def lost(x):
         return jax.lax.stop_gradient(x[0]) + x[1]

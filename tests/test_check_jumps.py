@@ -87,6 +87,9 @@ def test_each_direction_and_output_is_judged_by_itself():
     assert found.sentence.startswith("the derivative is that between two jumps: d b / d y is 0.01, but over 0.01 the")
     assert found.sentence.endswith("; here")
     assert "saltation" in found.remedy
+    plain, scale = Finding("agreement", Level.FINE, ""), np.array([1.0, 20.0])
+    found = judge_jumps(plain, slopes, jumps, ["x", "y"], ["a", "b"], scale=scale)
+    assert "d b / d y is 0.0005, but over 0.2 the slope is 0.00025" in found.sentence
 
 
 def values_in_c(model: mujoco.MjModel, steps: int, wrt: str):

@@ -50,8 +50,9 @@ class Finding:
 class Verdict:
     """All findings about one gradient, in the order of the checks.
 
-    `subject` says what was differentiated; `value` [m] and `gradient` [m, k] are of the outputs named and along the
-    variables (or directions) named.
+    `subject` says what was differentiated; `value` [m] and `gradient` [m, k] are of the outputs named and by the
+    variables named, per unit of each (of a random direction: per unit of its length). `scale` [k] is how large a
+    displacement was taken for a large one: the variable's own size, or 1.
     """
 
     subject: str
@@ -60,6 +61,12 @@ class Verdict:
     outputs: tuple[str, ...] = ()
     value: Sequence[int | float] = ()
     gradient: Sequence[Sequence[int | float]] = ()
+    scale: Sequence[int | float] = ()
+
+    @property
+    def scaled_gradient(self) -> list[list[int | float]]:
+        """`gradient` times `scale` [m, k]: by what the outputs change, to first order, over a large displacement."""
+        return [[slope * size for slope, size in zip(row, self.scale, strict=True)] for row in self.gradient]
 
     def __str__(self) -> str:
         """All findings and the verdict's line, as `scripts/check_gradients.py` prints them."""
@@ -100,6 +107,8 @@ class Verdict:
             "outputs": list(self.outputs),
             "value": [_number(x) for x in self.value],
             "gradient": [[_number(x) for x in row] for row in self.gradient],
+            "scale": [_number(x) for x in self.scale],
+            "scaled_gradient": [[_number(x) for x in row] for row in self.scaled_gradient],
             "findings": [finding.as_json() for finding in self.findings],
         }
 

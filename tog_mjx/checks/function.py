@@ -64,11 +64,12 @@ def check(
     values = lambda points: np.asarray(batch(points))  # noqa: E731
     differences = sweep(values, point, directions)
 
+    lengths = np.linalg.norm(directions, axis=0)
     jumps = find_jumps(values, point, directions, differences)
     checks: dict[str, Callable[[], Finding]] = {
         "finite": lambda: _finite(value, slopes),
         "zeros": lambda: zeros(slopes, differences, names, outputs),
-        "agreement": lambda: judge_jumps(agreement(slopes, differences), slopes, jumps, names, outputs),
+        "agreement": lambda: judge_jumps(agreement(slopes, differences), slopes, jumps, names, outputs, scale=lengths),
         "reverse mode": lambda: _reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }
@@ -91,7 +92,9 @@ def check(
         findings.append(run())
         say(name, findings[-1])
     subject = f"{getattr(objective, '__name__', 'the objective')} in {point.size} variables"
-    return Verdict(subject, tuple(findings), names, outputs, value.tolist(), slopes.tolist())
+    return Verdict(
+        subject, tuple(findings), names, outputs, value.tolist(), (slopes / lengths).tolist(), lengths.tolist()
+    )
 
 
 def directions_at(scale: Float[np.ndarray, " n"], names: list[str]) -> tuple[np.ndarray, tuple[str, ...]]:

@@ -204,18 +204,22 @@ def judge_jumps(
     variables: Sequence[str],
     outputs: Sequence[str],
     where: Callable[[Jumps], str] = lambda _: "",
+    scale: Float[np.ndarray, " k"] | None = None,
 ) -> Finding:
     """What differences say of a gradient, `plain`, where jumps are known: only then do wide ones mean something.
 
     Args:
       where: says what jumps there, if that is known.
+      scale: the length of each direction: derivatives and windows are told in units of the variables. 1 if None.
     """
     if jumps is None or not np.isfinite(slopes).all():
         return plain
     (i, j), slope = jumps.entry, slopes[jumps.entry]
+    unit = 1.0 if scale is None else float(scale[j])
+    width = jumps.width * unit
     error = float(abs(slope - jumps.slope) / jumps.size)
-    seen = f"d {outputs[i]} / d {variables[j]} is {slope:.3g}"
-    wide = f"over {jumps.width:.1g} the slope is {jumps.slope:.3g}"
+    seen = f"d {outputs[i]} / d {variables[j]} is {slope / unit:.3g}"
+    wide = f"over {width:.1g} the slope is {jumps.slope / unit:.3g}"
 
     def say(level: Level, sentence: str, remedy: str = "") -> Finding:
         return dataclasses.replace(plain, level=level, sentence=sentence, value=error, remedy=remedy)
@@ -229,13 +233,13 @@ def judge_jumps(
         told = f"differences settle twice, and the derivative is that of a short piece: {seen}, but {wide}"
         return say(Level.CARE, told, "see 'time step', or average over perturbations: the estimators tell over which")
     if not jumps.are_many:
-        told = f"the function jumps within {jumps.width:.1g}, which the derivative does not see: {seen}, {wide}"
+        told = f"the function jumps within {width:.1g}, which the derivative does not see: {seen}, {wide}"
         remedy = "take smaller steps, or average over perturbations: the estimators tell over which"
         return say(Level.CARE, _with(told, where(jumps)), remedy)
     if plain.level < Level.FAULT:
         return plain
     if error <= USABLE:
-        return say(Level.FINE, f"autodiff agrees to {error:.0e} with the slope over {jumps.width:.1g}, jumps included")
+        return say(Level.FINE, f"autodiff agrees to {error:.0e} with the slope over {width:.1g}, jumps included")
     if error > abs(jumps.short - jumps.slope) / jumps.size / 2:
         return plain
     told = f"the derivative has the jumps, as they lie on the grid of time steps: {seen}, {wide}"

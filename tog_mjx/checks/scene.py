@@ -96,7 +96,9 @@ def check_scene(
             if (measured := remark.finding(findings)) != findings[i]:
                 findings[i] = measured
                 say("preflight", measured)
-    return Verdict(subject, tuple(findings), names, scene.outputs, motion.value.tolist(), motion.slopes.tolist())
+    lengths = np.linalg.norm(directions, axis=0)
+    gradient = (motion.slopes / lengths).tolist()
+    return Verdict(subject, tuple(findings), names, scene.outputs, motion.value.tolist(), gradient, lengths.tolist())
 
 
 def _checks(
@@ -121,8 +123,9 @@ def _checks(
     yield "growth", lambda: growth(simulation, motion)  # Before what it is the cause of.
     jumps = find_jumps(simulation.values, np.zeros(n), simulation.directions, differences)
     where = lambda some: touch_down(simulation, *some.sides)  # noqa: E731
+    lengths = np.linalg.norm(simulation.directions, axis=0)
     plain = lambda: agreement(motion.slopes, differences)  # noqa: E731
-    yield "agreement", lambda: judge_jumps(plain(), motion.slopes, jumps, names, scene.outputs, where)
+    yield "agreement", lambda: judge_jumps(plain(), motion.slopes, jumps, names, scene.outputs, where, lengths)
     if lacks(motion.slopes, jumps):
         yield "time step", lambda: Finding("time step", Level.FINE, "not halved: no time step mends 'agreement'")
     else:
