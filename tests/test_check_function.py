@@ -1,6 +1,7 @@
 """`tog.check` on functions of one known fault each."""
 
 import json
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -159,6 +160,23 @@ def test_a_verdict_in_words_is_what_the_command_prints():
     sentence = "do not trust: x[0]: autodiff says zero, but differences do not"
     assert found[-1] == f"lost in 2 variables: {sentence}"
     assert not any("Finding(" in line or "curves" in line for line in found)
+
+
+def test_a_function_that_holds_float64_is_not_run_in_float32_and_nothing_warns():
+    """As one does that closes over a model of MJX. Half in float32 it would say nothing of either."""
+    table, place = jnp.array([1.0, 2.0, 3.0]), jnp.array([0, 2])
+    assert table.dtype == jnp.float64
+
+    def held(x):
+        return (table.at[place].set(x[:2].astype(table.dtype)) ** 2).sum()
+
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        verdict = tog.check(held, np.array([0.5, 1.0]))
+    assert [str(some.message) for some in heard] == []
+    (found,) = [some for some in verdict.findings if some.check == "precision"]
+    assert (found.level, found.value) == (Level.FINE, None)
+    assert found.sentence == "not compared: the function holds arrays of float64"
 
 
 def test_of_many_variables_directions_are_taken():
