@@ -229,7 +229,7 @@ def test_bad_input_is_one_line(run_script, tmp_path):
     for arguments, words in (
         ((scene, "--wrt", "wings"), "'wings' is none of ctrl, qpos, qvel"),
         ((scene, "--output", "wings"), "no site named wings"),
-        ((scene, "--steps", "0"), "give 1 or more"),
+        ((scene, "--steps", "0"), "steps is 0: give a whole number from 1 to 10000000"),
         ((scene, "--cost", "json:nothing"), "cannot be imported"),
         ((scene, "--state", tmp_path / "none.npz"), "cannot be read"),
         ((tmp_path / "none.xml",), "no such scene or file"),

@@ -17,12 +17,10 @@ import numpy as np
 import optax
 from jaxtyping import Array, Bool, Float, Int, Key
 
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, require_whole
 from tog_mjx.gradients import Estimator
 from tog_mjx.types import Numbers
 
-MAX_ITERATIONS = 10_000_000
-"""Every iterate is recorded."""
 REPORT_INTERVAL = 0.5
 """Seconds between reports, about."""
 
@@ -113,8 +111,7 @@ def descend(
     Raises:
       InputError: for settings out of range, a guess that is not a vector, or a first cost that is not finite.
     """
-    if not (isinstance(iterations, int) and 0 <= iterations <= MAX_ITERATIONS):
-        raise InputError(f"iterations is {iterations}: give a whole number from 0 to {MAX_ITERATIONS}")
+    iterations = require_whole("iterations", iterations, 0)
     if (step_size is None) == (rule is None):
         raise InputError("give either a step_size, for plain descent, or an update rule of optax")
     if step_size is not None and not 0 < step_size < float("inf"):

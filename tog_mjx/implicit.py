@@ -37,10 +37,11 @@ from jaxtyping import Array, Float
 
 from tog_mjx._mjx import constraint_rows, mended, mjx, tendon_jacobian, with_constraint_force
 from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, read_rows, require_jax, residual
-from tog_mjx.errors import InputError
+from tog_mjx.errors import require_choice
 from tog_mjx.integration import integrate
 from tog_mjx.safe import with_derivative_of
 from tog_mjx.saltation import effects, gaps
+from tog_mjx.state import require_on_mjx, require_state
 
 Step = Callable[[mjx.Model, mjx.Data], mjx.Data]
 _SOLUTION = "tog_mjx solution"
@@ -57,10 +58,12 @@ def step(model: mjx.Model, data: mjx.Data, *, differentiation: str = "implicit")
         time steps fall (`tog_mjx.touch`). "native": stock `mjx.step`. The warm start carries no gradient.
 
     Raises:
-      InputError: for a model that is not on MJX's JAX implementation, or an unknown differentiation.
+      InputError: for a model that is not on MJX's JAX implementation, data of another one, or an unknown
+        differentiation.
     """
-    if differentiation not in STEPS:
-        raise InputError(f"differentiation={differentiation!r} is unknown; choose from {', '.join(STEPS)}")
+    require_choice("differentiation", differentiation, STEPS)
+    require_on_mjx(model, data)
+    require_state(model, data)
     return STEPS[differentiation](model, data)
 
 

@@ -14,6 +14,9 @@ from tog_mjx.simulators import Simulator, check_names, make_simulator
 from tog_mjx.tasks import Task, get_task
 from tog_mjx.types import Numbers, Scalar, Setpoints
 
+_FARTHEST = 1e9
+"""m of a setpoint: what is computed of one overflows from 1e19 m on in float32, and from 1e150 m on in float64."""
+
 
 class Trajectory(NamedTuple):
     """States at `time` [T] (s): box [T, 6] (x, z, theta, vx, vz, omega) and fingers [T, F, 4] (x, z, vx, vz)."""
@@ -55,7 +58,12 @@ def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Calla
     """
     task = get_task(task)
     _compiled(final_cost, task, simulator, options)  # Names are checked now, not at the first call.
-    return lambda u: _compiled(final_cost, task, simulator, options)(check_setpoints(task, u))
+    return functools.partial(_cost, task, simulator, options)
+
+
+def _cost(task: Task, simulator: str, options: dict[str, str], u: Numbers) -> Scalar:
+    """J(u), by names: so that an objective can be pickled."""
+    return _compiled(final_cost, task, simulator, options)(check_setpoints(task, u))
 
 
 def final_cost(task: Task, simulator: Simulator, u: Setpoints) -> Scalar:
@@ -99,8 +107,8 @@ def check_setpoints(task: Task, u: Numbers) -> Float[Array, " n"]:
     """u as an array of JAX's default float type.
 
     Raises:
-      InputError: for setpoints of the wrong shape, or not finite (of what a transformation traces that is not
-      known).
+      InputError: for setpoints of the wrong shape, not finite or absurdly far (of what a transformation traces that is
+      not known).
     """
     size = task.initial_guess.size
     each = "x and z of each finger" + (" at each knot" if task.knots > 1 else "") + " in m"
@@ -113,8 +121,9 @@ def check_setpoints(task: Task, u: Numbers) -> Float[Array, " n"]:
     if u.shape != (size,):
         shape = ", ".join(map(str, u.shape))
         raise InputError(f"setpoints have shape [{shape}]; {task.name} takes [{size}], {each}")
-    if not isinstance(u, jax.core.Tracer) and not np.isfinite(np.asarray(u)).all():
-        raise InputError(f"setpoints {u.tolist()} are not finite; give finite numbers of m")
+    if not isinstance(u, jax.core.Tracer) and not (np.abs(np.asarray(u)) <= _FARTHEST).all():
+        why = "not finite" if not np.isfinite(np.asarray(u)).all() else "too far away"
+        raise InputError(f"setpoints {u.tolist()} are {why}; give finite numbers of m, up to {_FARTHEST:g}")
     return u
 
 

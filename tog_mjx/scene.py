@@ -4,6 +4,7 @@ The MJCF file is the single source of truth: whatever a simulator needs to know 
 and the penalty constants from its `<custom><numeric>` elements. Nothing is written twice.
 """
 
+import contextlib
 import functools
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,7 @@ import mujoco
 import numpy as np
 
 from tog_mjx.contact import PenaltyLaw
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, near, require_kind
 from tog_mjx.quiet import without_warnings
 from tog_mjx.state import default_start
 from tog_mjx.supported import check_supported
@@ -197,14 +198,18 @@ def scene_path(scene: str | Path) -> Path:
     """
     if str(scene) in scene_names():
         return models_folder() / f"{scene}.xml"
-    path = Path(scene)
+    require_kind("the scene", scene, (str, Path), f"name one of {', '.join(scene_names())} or give a path")
+    path, names = Path(scene), scene_names()
     try:
         is_file = path.is_file()
     except OSError:  # A name that no file system takes.
         is_file = False
     if not is_file:
+        with contextlib.suppress(OSError, ValueError):
+            names += [str(other) for other in path.parent.glob("*.xml")]
         raise InputError(
             f"{scene}: no such scene or file; name one of {', '.join(scene_names())} or give the path of an MJCF file"
+            f"{near(scene, names)}"
         )
     return path
 
@@ -220,9 +225,14 @@ def compile_model(path: Path) -> mujoco.MjModel:
             model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
-    if not 0 < model.opt.timestep < np.inf:
-        raise InputError(f"{path}: <option timestep> is {model.opt.timestep}; give a positive number of seconds")
+    require_time_step(model, str(path))
     return model
+
+
+def require_time_step(model: mujoco.MjModel, what: str) -> None:
+    """Raises InputError, of `what`, for a time step that is none."""
+    if not 0 < model.opt.timestep < np.inf:
+        raise InputError(f"{what}: <option timestep> is {model.opt.timestep}; give a positive number of seconds")
 
 
 def load_scene(scene: str | Path) -> Scene:

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, require_choice, require_kind, require_whole
 from tog_mjx.implicit import STEPS
-from tog_mjx.state import state_of
+from tog_mjx.state import require_on_mjx, require_state, state_of
 
 
 def positions_and_velocities(data: mjx.Data) -> tuple[Float[Array, " nq"], Float[Array, " nv"]]:
@@ -47,18 +47,22 @@ def simulate(
       returned, with a leading axis [steps, ...]; for a batch both with a leading axis [B, ...].
 
     Raises:
-      InputError: for an unknown differentiation, controls of the wrong shape, or a checkpoint that does not divide the
-      steps.
+      InputError: for an unknown differentiation, data of another model, controls of the wrong shape or of one that
+        means two things, or a checkpoint that does not divide the steps.
     """
-    if differentiation not in STEPS:
-        raise InputError(f"differentiation={differentiation!r} is unknown; choose from {', '.join(STEPS)}")
-    if steps < 1:
-        raise InputError(f"steps is {steps}: give 1 or more")
-    if checkpoint is not None and (checkpoint < 1 or steps % checkpoint):
+    require_choice("differentiation", differentiation, STEPS)
+    require_on_mjx(model, data)
+    require_kind("observe", observe, Callable, "give a function of mjx.Data")
+    steps = require_whole("steps", steps, 1)
+    if checkpoint is not None and steps % require_whole("checkpoint", checkpoint, 1):
         raise InputError(f"checkpoint is {checkpoint}: give a divisor of the {steps} steps")
-    controls = jnp.asarray(controls, data.ctrl.dtype)
+    try:
+        controls = jnp.asarray(controls, data.ctrl.dtype)
+    except (TypeError, ValueError):
+        raise InputError(f"controls are no array of numbers; give one of shape [{model.nu}]") from None
     if data.qpos.ndim == 2:
         return _simulate_batch(model, data, controls, steps, differentiation, observe, checkpoint)
+    require_state(model, data)
     if controls.shape not in ((model.nu,), (steps, model.nu)):
         raise InputError(f"controls have shape {controls.shape}; give [{model.nu}] or [{steps}, {model.nu}]")
 
@@ -82,6 +86,9 @@ def simulate(
 
 def _simulate_batch(model, data, controls, steps, differentiation, observe, checkpoint) -> tuple[mjx.Data, Any]:
     batch = data.qpos.shape[0]
+    if (batch, model.nu) == controls.shape == (steps, model.nu):
+        told = f"controls of shape {controls.shape} are one row a step, or one a member of the batch: both are {steps}"
+        raise InputError(f"{told}; give [{batch}, {steps}, {model.nu}], by jnp.broadcast_to or jnp.repeat")
     shared = controls.shape in ((model.nu,), (steps, model.nu))
     if not shared and controls.shape not in ((batch, model.nu), (batch, steps, model.nu)):
         shapes = f"[{model.nu}], [{steps}, {model.nu}], [{batch}, {model.nu}] or [{batch}, {steps}, {model.nu}]"

@@ -14,12 +14,13 @@ Nothing here knows of a symmetry, or of the goal.
 """
 
 from collections.abc import Callable
+from numbers import Real
 
 import jax.numpy as jnp
 import optax
 
 from tog_mjx.descent import Descent, descend
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, require_kind
 from tog_mjx.gradients import exact
 from tog_mjx.rollout import objective
 from tog_mjx.simulators import check_names, gradient_charge, precision
@@ -58,6 +59,7 @@ def solve(
     options = {"differentiation": differentiation} if differentiation else {}
     check_names(simulator, options)
     charge = gradient_charge(simulator, differentiation)
+    require_kind("budget", budget, Real, "give a number of evaluations of J")
     if not charge <= budget < float("inf"):
         raise InputError(f"budget is {budget}: one gradient of {simulator} takes {charge} evaluations; give more")
     gradients = int(budget / charge)

@@ -3,12 +3,15 @@
 A time step is a function of both: it passes the state on to the next one, and leaves the inputs as they are.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Array
 
 from tog_mjx._mjx import make_data, mjx
+from tog_mjx.errors import InputError, require_kind
 from tog_mjx.types import AnyArray
 
 MOVING = ("qpos", "qvel", "act")
@@ -22,6 +25,22 @@ INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat", "eq
 def state_of(data: mjx.Data) -> dict[str, Array]:
     """The state, by STATE: what a loop over time steps carries. `data.replace(**state)` puts it back."""
     return {name: getattr(data, name) for name in STATE}
+
+
+def require_state(model: mujoco.MjModel | mjx.Model, data: Any) -> None:
+    """Raises InputError for data that are of another model, as their sizes tell."""
+    nq, nv, bodies = model.nq, model.nv, model.nbody
+    sizes = {"qpos": (nq,), "qvel": (nv,), "act": (model.na,), "ctrl": (model.nu,), "xfrc_applied": (bodies, 6)}
+    for name, shape in {**sizes, "mocap_pos": (model.nmocap, 3), "eq_active": (model.neq,)}.items():
+        if (found := getattr(data, name).shape) != shape:
+            told = f"{name} of the data has the shape {list(found)}, and that of the model {list(shape)}"
+            raise InputError(f"{told}; give data of this model, and a batch of them through jax.vmap")
+
+
+def require_on_mjx(model: object, data: object) -> None:
+    """Raises InputError for what is no model and data of MJX's, or not of each other."""
+    require_kind("the model", model, mjx.Model, "give what mjx.put_model makes of a mujoco.MjModel")
+    require_kind("the data", data, mjx.Data, "give what mjx.make_data or mjx.put_data makes")
 
 
 def on_mjx(model: mjx.Model, data: mujoco.MjData) -> mjx.Data:

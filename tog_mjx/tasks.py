@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, near, require_whole
 from tog_mjx.scene import Scene, load_scene
 from tog_mjx.types import Box, Scalar, Setpoints, Vector
 
@@ -96,7 +96,7 @@ def grasp() -> Task:
         exact=Rule(step_size=0.5, iterations=100),
         stochastic=Rule(step_size=0.5, iterations=1000, sigma=0.1),
         window=((-1.0, 1.0), (0.0, 2.0)),
-        expand=lambda point: jnp.array([point[0], point[1], -point[0], point[1]]),
+        expand=_mirrored,
     )
 
 
@@ -113,15 +113,24 @@ def get_task(task: str | Task, knots: int | None = None) -> Task:
     """
     if not isinstance(task, Task):
         if task not in list(TASKS):
-            raise InputError(f"task {task!r} is unknown; choose from {', '.join(TASKS)}")
+            raise InputError(f"task {task!r} is unknown; choose from {', '.join(TASKS)}{near(task, TASKS)}")
         task = TASKS[task]()
-    return task if knots is None or knots == task.knots else _with_knots(task, knots)
+    if knots is None or require_whole("knots", knots, 1, task.horizon - 1) == task.knots:
+        return task
+    return _with_knots(task, int(knots))
 
 
 @functools.cache
 def _with_knots(task: Task, knots: int) -> Task:
     if task.knots != 1:
         raise InputError(f"task {task.name} has {task.knots} knots already; start from the one with constant setpoints")
-    if not (isinstance(knots, int) and 1 < knots < task.horizon):
-        raise InputError(f"knots is {knots}: give a whole number from 1 to {task.horizon - 1}")
-    return dataclasses.replace(task, knots=knots, expand=lambda point: jnp.tile(jnp.asarray(task.expand(point)), knots))
+    return dataclasses.replace(task, knots=knots, expand=functools.partial(_repeated, task.expand, knots))
+
+
+def _mirrored(point: Vector) -> Setpoints:
+    """Of both fingers, from those of the first one."""
+    return jnp.array([point[0], point[1], -point[0], point[1]])
+
+
+def _repeated(expand: Callable[[Vector], Setpoints], knots: int, point: Vector) -> Setpoints:
+    return jnp.tile(jnp.asarray(expand(point)), knots)

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import jaxtyping
 import mujoco
+from jaxtyping import Array
 
 from tog_mjx import errors
 from tog_mjx.errors import InputError
@@ -33,6 +35,25 @@ def call(what: str, function: Callable, *args: Any) -> Any:
         else:
             why = f"{type(error).__name__}: {error}".strip().splitlines()[0]
         raise InputError(f"{what}: {why}") from error
+
+
+def real(what: str, value: Any, wanted: str) -> Array:
+    """What a user's function has returned, as an array of floats of its shape.
+
+    Raises:
+      InputError: `what` and that it is `wanted`, for anything that is no array of real numbers.
+    """
+    try:
+        array = None if value is None else jnp.asarray(value)
+    except (TypeError, ValueError):
+        array = None
+    if array is None:
+        raise InputError(f"{what} returns a {type(value).__name__}; give {wanted}")
+    if jnp.iscomplexobj(array):
+        raise InputError(f"{what} returns a complex number; give {wanted}")
+    if not jnp.issubdtype(array.dtype, jnp.floating):
+        raise InputError(f"{what} returns {array.dtype}, which has no derivative; give {wanted}")
+    return array
 
 
 def own_lines(error: BaseException | None) -> str:

@@ -17,8 +17,9 @@ from tog_mjx.checks.modes import compare_modes
 from tog_mjx.checks.second_order import second_order as check_second_order
 from tog_mjx.checks.single import judge_single
 from tog_mjx.checks.zeros import zeros
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, require_kind
 from tog_mjx.types import Numbers
+from tog_mjx.user_code import call, real
 
 DIRECTIONS = 6
 """Derivatives are taken in all variables up to so many, else along so many random directions."""
@@ -47,17 +48,25 @@ def check(
       report: called with a check's name before it runs, and again with its finding.
 
     Raises:
-      InputError: for an x that is no vector of finite numbers.
+      InputError: for an x that is no vector of finite numbers, and a function that fails or returns no real ones.
     """
-    point = np.asarray(x, float)
+    require_kind("the objective", objective, Callable, "give a function of an array")
+    try:
+        point = np.asarray(x if np.isrealobj(x) else None, float)
+    except (TypeError, ValueError):
+        raise InputError(f"x is of type {type(x).__name__}: give a vector of finite numbers") from None
     if point.ndim != 1 or not point.size or not np.isfinite(point).all():
         raise InputError(f"x has shape {point.shape}: give a vector of finite numbers")
     say: Report = report or (lambda *_: None)
+    name = getattr(objective, "__name__", "the objective")
     scale = np.maximum(np.abs(point), 1.0)
     directions, names = directions_at(scale, [f"x[{i}]" for i in range(point.size)])
 
     def flat(x: Array) -> Array:
-        return jnp.ravel(objective(x))
+        found = real(name, call(f"{name} fails", objective, x), "one number, or an array of them")
+        if not found.size:
+            raise InputError(f"{name} returns nothing: an array of shape {list(found.shape)}; give a number or more")
+        return jnp.ravel(found)
 
     say("forward mode", None)
     value, slopes = forward(flat, point, directions)
@@ -89,11 +98,11 @@ def check(
             missed,
         )
     findings = []
-    for name, run in checks.items():
-        say(name, None)
+    for some, run in checks.items():
+        say(some, None)
         findings.append(run())
-        say(name, findings[-1])
-    subject = f"{getattr(objective, '__name__', 'the objective')} in {point.size} variables"
+        say(some, findings[-1])
+    subject = f"{name} in {point.size} variables"
     return Verdict(
         subject, tuple(findings), names, outputs, value.tolist(), (slopes / lengths).tolist(), lengths.tolist()
     )

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from tog_mjx._mjx import mjx
 from tog_mjx.checks.agreement import agreement, sweep
 from tog_mjx.checks.cost import cost
 from tog_mjx.checks.estimators import compare_estimators, steepest
@@ -24,9 +25,10 @@ from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.touch_down import touch_down
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
 from tog_mjx.checks.zeros import zeros
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, require_kind
 from tog_mjx.quiet import without_warnings
-from tog_mjx.state import default_start
+from tog_mjx.scene import require_time_step
+from tog_mjx.state import default_start, require_state
 
 
 def check_scene(
@@ -55,10 +57,17 @@ def check_scene(
         several outputs, to lower the one whose derivative is largest.
 
     Raises:
-      InputError: for what is not in the scene, or a cost that fails or returns no number.
+      InputError: for arguments of a wrong kind, a start of another model, what is not in the scene, or a cost that
+        fails or returns no number.
     """
+    require_kind("the model", model, mujoco.MjModel, "give the mujoco.MjModel (of a Scene its .model)")
+    require_time_step(model, "the model")
+    if path is not None:
+        require_kind("path", path, (str, Path), "give that of the MJCF file")
     if start is None:
         start = default_start(model)
+    require_kind("the start", start, (mujoco.MjData, mjx.Data), "give a mujoco.MjData of the model")
+    require_state(model, start)
     by = default_wrt(model) if wrt is None else wrt
     why = "" if wrt or model.nu else ", as the scene has no actuators"
     say: Report = report or (lambda *_: None)

@@ -19,10 +19,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from tog_mjx._mjx import mjx
 from tog_mjx.checks.unused import unused
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, near, require_choice, require_kind, require_whole
+from tog_mjx.implicit import STEPS
 from tog_mjx.integration import positions_after
 from tog_mjx.state import on_mjx
-from tog_mjx.user_code import call
+from tog_mjx.user_code import call, real
 
 Cost = Callable[[mjx.Data], Array]
 _STATE_SIZES = {"ctrl": "nu", "qpos": "nv", "qvel": "nv"}
@@ -48,8 +49,11 @@ class SceneFunction:
     differentiation: str = "implicit"
 
     def __post_init__(self):
-        if self.steps < 1:
-            raise InputError(f"steps is {self.steps}: give 1 or more")
+        require_whole("steps", self.steps, 1)
+        require_choice("differentiation", self.differentiation, STEPS)
+        require_kind("wrt", self.wrt, str, "give ctrl, qpos, qvel or the name of a field of mjx.Model")
+        if not callable(self.output):
+            require_kind("output", self.output, str, "give qpos, qvel, the name of a site, or a function")
         if not self.size:
             raise InputError(f"the scene has no {self.wrt}: differentiate with respect to something else")
         if isinstance(self.output, str):
@@ -165,15 +169,7 @@ class SceneFunction:
 
 
 def _number(name: str, cost: Cost, data: mjx.Data) -> Float[Array, "1"]:
-    value = call(f"the cost {name} fails", cost, data)
-    try:
-        number = jnp.asarray(value) if value is not None else None
-    except (TypeError, ValueError):
-        number = None
-    if number is None:
-        raise InputError(f"the cost {name} returns a {type(value).__name__}; give one number")
-    if jnp.iscomplexobj(number):
-        raise InputError(f"the cost {name} returns a complex number; give a real one")
+    number = real(f"the cost {name}", call(f"the cost {name} fails", cost, data), "one real number")
     if number.size != 1:
         raise InputError(f"the cost {name} returns an array of shape {list(number.shape)}; give one number")
     return jnp.reshape(number, (1,)).astype(float)
@@ -211,6 +207,8 @@ def _entries(text: str, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:
     if not bracket:
         return every.ravel()
     try:
+        if not index.endswith("]"):
+            raise ValueError("no bracket closes it")
         return np.atleast_1d(every[tuple(int(i) for i in index.removesuffix("]").split(","))]).ravel()
     except (ValueError, IndexError):
         raise InputError(f"{text!r}: {name} has the shape {list(shape)}; give {name} or an index in it") from None
@@ -235,8 +233,8 @@ def field_of(model: mujoco.MjModel, name: str) -> np.ndarray:
         on_mjx, value = False, np.zeros(0)
     if not on_mjx or value.dtype.kind != "f":
         raise InputError(
-            f"{name!r} is none of ctrl, qpos, qvel, or an array of numbers of mjx.Model; "
-            "examples are geom_friction, body_mass, opt.gravity"
+            f"{name!r} is none of ctrl, qpos, qvel, or an array of numbers of mjx.Model; examples are geom_friction, "
+            f"body_mass, opt.gravity{near(name, [*_STATE_SIZES, *_float_fields()])}"
         )
     return value
 
@@ -262,7 +260,8 @@ def site_id(model: mujoco.MjModel, name: str) -> int:
     if found < 0:
         names = [model.site(i).name for i in range(model.nsite) if model.site(i).name]
         listed = f"; its sites: {', '.join(names[:20])}" if names else " and no site with a name"
-        raise InputError(f"the scene has no site named {name}{listed}; or give qpos or qvel as the output")
+        close = near(name, ["qpos", "qvel", *names])
+        raise InputError(f"the scene has no site named {name}{listed}; or give qpos or qvel as the output{close}")
     return found
 
 

@@ -18,7 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import jax
 
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, require_kind
 from tog_mjx.scene import Scene
 from tog_mjx.simulators.mjx import MjxSimulator
 from tog_mjx.simulators.penalty import PenaltySimulator
@@ -52,6 +52,7 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
       InputError: for an unknown simulator, option or value.
     """
     check_names(name, options)
+    require_kind("the scene", scene, Scene, "give what tog.load_scene returns")
     # Also inside a transformation the parameters are numbers, not tracers.
     with jax.ensure_compile_time_eval():
         return SIMULATORS[name].from_scene(scene, **options)
