@@ -26,11 +26,10 @@ _COLOURS = {Level.FINE: "green", Level.CARE: "yellow", Level.FAULT: "red"}
 
 def main() -> None:
     args = parse_arguments()
-    for path in (args.json, args.html):
-        if path:
-            check_writable(path)
     console = Console(stderr=True, highlight=False, soft_wrap=True)
     path = scene_path(args.scene)
+    outputs, inputs = (args.json, args.html), [path, *([args.state] if args.state else [])]
+    check_writable(*(output for output in outputs if output), inputs=inputs)
     model = compile_model(path)
     start = saved_start(model, args.state) if args.state else keyframe_start(model, args.keyframe)
     with console.status("") as status:

@@ -12,7 +12,8 @@ from rich.table import Table
 
 from tog_mjx import agreement, friction_law
 from tog_mjx.agreement import METHODS, MJX, PENALTY, REFERENCE, Agreement, Gradients, Piece
-from tog_mjx.console import ArgumentParser, Work, run_main
+from tog_mjx.console import SEEDS, ArgumentParser, Work, run_main, within
+from tog_mjx.errors import MANY
 from tog_mjx.figures import draw_agreement
 from tog_mjx.figures.style import save_figure
 from tog_mjx.landscape import gradient_field, landscape
@@ -57,8 +58,16 @@ def main() -> None:
 def parse_arguments():
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--task", choices=[*TASKS, "all"], default="all")
-    parser.add_argument("--points", type=int, default=200, metavar="N", help="random setpoints a task (default: 200)")
-    parser.add_argument("--seed", type=int, default=0, metavar="S", help="of the setpoints (default: 0)")
+    parser.add_argument(
+        "--points",
+        type=within(int, 1, MANY),
+        default=200,
+        metavar="N",
+        help="random setpoints a task (default: 200)",
+    )
+    parser.add_argument(
+        "--seed", type=within(int, 0, SEEDS), default=0, metavar="S", help="of the setpoints (default: 0)"
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("results/gradients"), metavar="DIR", help="default: %(default)s"
     )
@@ -67,12 +76,7 @@ def parse_arguments():
     )
     parser.add_argument("--optimum", action="store_true", help="also where descent ends under either friction law")
     parser.add_argument("--force", action="store_true", help="repeat finished pieces and replace their results")
-    args = parser.parse_args()
-    if args.points < 1:
-        parser.error(f"argument --points: {args.points} is too few; give 1 or more")
-    if args.seed < 0:
-        parser.error(f"argument --seed: {args.seed} is negative; give 0 or more")
-    return args
+    return parser.parse_args()
 
 
 def find(piece: Piece, out: Path, console: Console) -> Gradients | None:

@@ -10,7 +10,8 @@ from rich.console import Console
 
 from tog_mjx import comparison, gallery
 from tog_mjx.comparison import METHODS
-from tog_mjx.console import ArgumentParser, run_main
+from tog_mjx.console import GRID_MOST, SEEDS, ArgumentParser, run_main, within
+from tog_mjx.errors import MANY
 from tog_mjx.execution import finish_landscape, finish_runs
 from tog_mjx.simulators import SIMULATORS
 from tog_mjx.storage import check_writable
@@ -25,9 +26,10 @@ def main() -> None:
     check_writable(args.out / "table_1.md")
     finish_runs(runs, args.out, console)
     pictures = gallery.draw_common([get_task(name) for name in tasks], args.out)
+    kept = comparison.load_all(runs, args.out)
     for simulator, task in dict.fromkeys((run.simulator, run.task) for run in runs):
         landscape = finish_landscape(simulator, task, args.size, args.out, console)
-        descents = {r.method: comparison.load(r, args.out) for r in runs if (r.simulator, r.task) == (simulator, task)}
+        descents = {r.method: kept[r] for r in runs if (r.simulator, r.task) == (simulator, task)}
         pictures += gallery.draw_task(get_task(task), simulator, descents, landscape, args.out)
     console.print(f"Table I is in {args.out / 'table_1.md'}; beside each figure lies a PDF:", markup=False)
     for picture in pictures:
@@ -38,16 +40,21 @@ def parse_arguments():
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--task", choices=[*TASKS, "all"], default="all")
     parser.add_argument("--simulator", choices=list(SIMULATORS), nargs="+", default=list(SIMULATORS))
-    parser.add_argument("--size", type=int, default=200, metavar="N", help="of a landscape: N x N points; default: 200")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the stochastic method (published: 0)")
-    parser.add_argument("--iterations", type=int, metavar="N", help="instead of the numbers of Table I")
+    parser.add_argument(
+        "--size",
+        type=within(int, 2, GRID_MOST),
+        default=200,
+        metavar="N",
+        help="of a landscape: N x N points; default: 200",
+    )
+    parser.add_argument(
+        "--seed", type=within(int, 0, SEEDS), default=0, metavar="N", help="of the stochastic method (published: 0)"
+    )
+    parser.add_argument(
+        "--iterations", type=within(int, 0, MANY), metavar="N", help="instead of the numbers of Table I"
+    )
     parser.add_argument("--out", type=Path, default=Path("results"), metavar="DIR", help="default: results")
-    args = parser.parse_args()
-    for option, least in (("seed", 0), ("iterations", 0), ("size", 2)):
-        value = getattr(args, option)
-        if value is not None and value < least:
-            parser.error(f"argument --{option}: {value} is too small; give {least} or more")
-    return args
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -16,8 +16,9 @@ from rich.table import Table
 
 from tog_mjx import comparison, gallery
 from tog_mjx.comparison import METHODS, Run
-from tog_mjx.console import ArgumentParser, Work, run_main
+from tog_mjx.console import GRID_MOST, SEEDS, ArgumentParser, Work, run_main, within
 from tog_mjx.descent import Descent
+from tog_mjx.errors import MANY
 from tog_mjx.execution import find_finished, finish_landscape, finish_runs, label
 from tog_mjx.gallery import Picture
 from tog_mjx.landscape import Landscape
@@ -42,7 +43,7 @@ def main() -> None:
     # Runs of the same settings that were not asked for this time belong to the picture too.
     everything = comparison.all_runs(list(SIMULATORS), list(TASKS), list(METHODS), args.seed, args.iterations)
     finished = find_finished(everything, args.out, console, strict=False)
-    descents = {run: comparison.load(run, args.out) for run in finished}
+    descents = comparison.load_all([run for run in everything if run in {*finished, *runs}], args.out)
     save_json(args.out / "summary.json", [comparison.summarise(run, descent) for run, descent in descents.items()])
     illustrate(descents, args.landscape, args.out, console)
     console.print(closing_table(descents))
@@ -58,19 +59,24 @@ def parse_arguments():
     parser.add_argument("--task", choices=[*TASKS, "all"], default="all")
     parser.add_argument("--simulator", choices=list(SIMULATORS), nargs="+", default=list(SIMULATORS))
     parser.add_argument("--method", choices=METHODS, nargs="+", default=list(METHODS))
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the stochastic method (published: 0)")
-    parser.add_argument("--iterations", type=int, metavar="N", help="instead of the numbers of Table I")
+    parser.add_argument(
+        "--seed", type=within(int, 0, SEEDS), default=0, metavar="N", help="of the stochastic method (published: 0)"
+    )
+    parser.add_argument(
+        "--iterations", type=within(int, 0, MANY), metavar="N", help="instead of the numbers of Table I"
+    )
     parser.add_argument("--out", type=Path, default=Path("results"), metavar="DIR", help="default: results")
     parser.add_argument(
-        "--landscape", type=int, default=100, metavar="N", help="points along each axis (the paper: 200); 0: none"
+        "--landscape",
+        type=within(int, 0, GRID_MOST),
+        default=100,
+        metavar="N",
+        help="points along each axis (the paper: 200); 0: none",
     )
     parser.add_argument("--force", action="store_true", help="repeat finished runs and replace their results")
     args = parser.parse_args()
-    for option in ("seed", "iterations"):
-        if (getattr(args, option) or 0) < 0:
-            parser.error(f"argument --{option}: {getattr(args, option)} is negative; give 0 or more")
-    if args.landscape and args.landscape < 2:
-        parser.error(f"argument --landscape: {args.landscape} is too small; give 2 or more, or 0 for none")
+    if args.landscape == 1:
+        parser.error("argument --landscape: 1 is too small; give 2 or more, or 0 for none")
     return args
 
 

@@ -5,13 +5,12 @@ which made the result.
 """
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from tog_mjx import viewing
-from tog_mjx.console import ArgumentParser, run_main
+from tog_mjx.console import ArgumentParser, run_main, within
 from tog_mjx.errors import InputError
 from tog_mjx.scene import compile_model, scene_path
 from tog_mjx.storage import check_writable
@@ -30,8 +29,7 @@ def main() -> None:
     model = compile_model(path)
     setpoints, motion = None if args.setpoints is None else np.array(args.setpoints), None
     data = viewing.start(model, setpoints)
-    for file in args.files:
-        check_writable(file)
+    check_writable(*args.files, inputs=[path, *([args.run] if args.run else [])])
     if args.mp4:
         viewing.check_video(tuple(args.size))
     if not (args.files or args.web):
@@ -101,18 +99,6 @@ def check(parser: ArgumentParser, args: argparse.Namespace) -> argparse.Namespac
         if getattr(args, option) is None:
             setattr(args, option, value)
     return args
-
-
-def within(kind: Callable[[str], float], low: float, high: float) -> Callable[[str], float]:
-    """A parser of numbers from `low` to `high`."""
-
-    def number(text: str) -> float:
-        value = kind(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not from {low:g} to {high:g}")
-        return value
-
-    return number
 
 
 def which(text: str) -> str | int:

@@ -94,9 +94,9 @@ def test_results_of_other_points_are_refused(study, run_script):
     ("arguments", "message"),
     [
         (["--task", "juggle"], "invalid choice: 'juggle'"),
-        (["--points", "0"], "argument --points: 0 is too few; give 1 or more"),
+        (["--points", "0"], "argument --points: 0 is not from 1 to 10000000"),
         (["--points", "many"], "invalid int value: 'many'"),
-        (["--seed", "-1"], "argument --seed: -1 is negative"),
+        (["--seed", "-1"], "argument --seed: -1 is not from 0 to 4294967295"),
         (["--out", "/dev/null/results"], "cannot be written"),
     ],
 )

@@ -5,6 +5,7 @@ import pytest
 
 from tog_mjx import comparison
 from tog_mjx.comparison import Run
+from tog_mjx.descent import Status
 from tog_mjx.storage import DamagedFileError, load_result, save_result
 
 RUN = Run("penalty", "flip", "exact", iterations=2)
@@ -30,7 +31,10 @@ def test_there_and_back(descent, tmp_path):
         (None, {"costs": np.array([])}, None, {}),
         (None, {"costs": np.array([1.0, np.nan, 2.0])}, None, {}),
         (None, {"costs": np.array(["a", "b", "c"])}, None, {}),
+        (None, {"costs": np.array([1.0 + 1j, 2.0, 3.0])}, None, {}),
         (None, {"setpoints": np.zeros((2, 2))}, None, {}),
+        (None, {"setpoints": np.full((3, 2), np.nan)}, None, {}),
+        (None, {}, None, {"seconds_run": float("inf")}),
         (None, {}, "settings", {}),
         (None, {}, None, {"settings": [1]}),
         (None, {}, None, {"status": "perhaps"}),
@@ -49,6 +53,18 @@ def test_a_file_that_is_no_whole_result_is_damaged(
     save_result(path, arrays, attributes)
     with pytest.raises(DamagedFileError, match=r"exact\.npz"):
         comparison.read(path)
+
+
+def test_a_result_that_does_not_fit_its_settings_is_damaged(descent, tmp_path):
+    """Fewer iterates than it says, or setpoints of another task."""
+    short = descent._replace(**{name: getattr(descent, name)[:2] for name in ("costs", "setpoints", "gradients")})
+    wide = descent._replace(setpoints=np.zeros((3, 4)), gradients=np.zeros((3, 4)))
+    for wrong, message in ((short, "1 iterations, not 2"), (wide, "4 setpoints, not 2")):
+        comparison.save(RUN, wrong, tmp_path)
+        with pytest.raises(DamagedFileError, match=message):
+            comparison.load(RUN, tmp_path)
+    comparison.save(RUN, short._replace(status=Status.NON_FINITE), tmp_path)
+    assert comparison.load(RUN, tmp_path).iterations == 1
 
 
 def test_settings_tell_runs_apart():

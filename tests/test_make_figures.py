@@ -25,7 +25,7 @@ def test_it_draws_every_figure_of_a_task_and_keeps_what_it_computed(run_script, 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--size", "1"], "argument --size: 1 is too small; give 2 or more"),
+        (["--size", "1"], "argument --size: 1 is not from 2 to 3000"),
         (["--simulator", "bullet"], "invalid choice: 'bullet'"),
     ],
 )

@@ -3,6 +3,7 @@
 import functools
 import json
 import os
+import runpy
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 
 from tog_mjx import comparison
 from tog_mjx.comparison import Run
+from tog_mjx.errors import InputError
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "reproduce_paper.py"
 QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2", "--landscape", "0"]
@@ -99,6 +101,20 @@ def test_a_damaged_result_is_told_and_computed_again(script, tmp_path):
     np.testing.assert_array_equal(comparison.read(path)[0].costs, whole.costs)
 
 
+def test_results_that_vanish_while_it_runs_are_told(tmp_path, monkeypatch):
+    def finish_and_lose(runs, out, *_):
+        for run in runs:
+            comparison.save(run, comparison.compute(run), out)
+        runs[0].path(out).unlink()
+
+    program = runpy.run_path(str(SCRIPT))
+    monkeypatch.setitem(program["main"].__globals__, "finish_runs", finish_and_lose)
+    monkeypatch.setattr(sys, "argv", [SCRIPT.name, *QUICK, "--method", "exact", "--out", str(tmp_path)])
+    with pytest.raises(InputError, match=r"has changed while this ran .*exact\.npz"):
+        program["main"]()
+    assert not (tmp_path / "summary.json").exists()
+
+
 def test_a_result_of_other_settings_is_not_replaced(script, tmp_path):
     script(*QUICK, "--out", tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.rglob("*.*")}
@@ -114,8 +130,10 @@ def test_a_result_of_other_settings_is_not_replaced(script, tmp_path):
         (["--task", "fly"], "invalid choice: 'fly'"),
         (["--simulator", "mjx", "bullet"], "invalid choice: 'bullet'"),
         (["--method", "guess"], "invalid choice: 'guess'"),
-        (["--iterations", "-3"], "-3 is negative"),
-        (["--seed", "-1"], "-1 is negative"),
+        (["--iterations", "-3"], "argument --iterations: -3 is not from 0 to 10000000"),
+        (["--seed", "-1"], "argument --seed: -1 is not from 0 to 4294967295"),
+        (["--seed", "4294967296"], "argument --seed: 4294967296 is not from 0 to 4294967295"),
+        (["--landscape", "1000000"], "argument --landscape: 1000000 is not from 0 to 3000"),
         (["--seed", "one"], "invalid int value: 'one'"),
         (["--out", "/dev/null/results"], "cannot be written"),
     ],

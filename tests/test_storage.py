@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tog_mjx.errors import InputError
-from tog_mjx.storage import DamagedFileError, atomic_write, load_result, save_json, save_result
+from tog_mjx.storage import DamagedFileError, atomic_write, check_writable, load_result, save_json, save_result
 
 ARRAYS = {"costs": np.linspace(0, 1, 500), "setpoints": np.arange(6.0).reshape(3, 2)}
 
@@ -68,6 +68,15 @@ def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(InputError, match="cannot be written"):
         save_json(tmp_path / "file" / "summary.json", [])
     assert (tmp_path / "file").read_text() == "not a folder"
+
+
+def test_outputs_of_one_name_or_that_of_an_input_are_refused(tmp_path):
+    scene, page = tmp_path / "scene.xml", tmp_path / "page.html"
+    check_writable(page, tmp_path / "verdict.json", inputs=[scene])
+    with pytest.raises(InputError, match="two files would have that name"):
+        check_writable(page, tmp_path / "." / "page.html", inputs=[scene])
+    with pytest.raises(InputError, match=r"scene.xml: it is read"):
+        check_writable(page, scene, inputs=[scene])
 
 
 def test_json_holds_no_nan(tmp_path):

@@ -7,7 +7,7 @@ again.
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -107,7 +107,26 @@ def load(run: Run, out: Path) -> Descent:
             is_digest = name in ("scene", "program")
             found = f"another version of the {name}" if is_digest else f"{name} {settings.get(name)}, not {wanted}"
             raise InputError(f"{run.path(out)} was made with {found}; choose another --out, or --force to replace it")
+    wanted, is_whole = run.rule.iterations, descent.status != Status.EXHAUSTED
+    if not (descent.iterations == wanted or (is_whole and descent.iterations < wanted)):
+        raise DamagedFileError(f"{run.path(out)}: {descent.iterations} iterations, not {wanted}")
+    if descent.setpoints.shape[1] != (size := get_task(run.task).initial_guess.size):
+        raise DamagedFileError(f"{run.path(out)}: {descent.setpoints.shape[1]} setpoints, not {size}")
     return descent
+
+
+def load_all(runs: Iterable[Run], out: Path) -> dict[Run, Descent]:
+    """Reads the results of runs that were finished a moment ago.
+
+    Raises:
+      InputError: if one of them is gone, or is of other settings.
+    """
+    try:
+        return {run: load(run, out) for run in runs}
+    except (FileNotFoundError, DamagedFileError) as error:
+        raise InputError(
+            f"{out} has changed while this ran ({error}); the same command makes what is missing"
+        ) from None
 
 
 def read(path: Path) -> tuple[Descent, dict[str, Any]]:
@@ -118,14 +137,19 @@ def read(path: Path) -> tuple[Descent, dict[str, Any]]:
     """
     arrays, attributes = load_result(path)
     try:
-        costs, setpoints, gradients = (np.asarray(arrays[name], float) for name in ("costs", "setpoints", "gradients"))
+        costs, setpoints, gradients = kept = [arrays[name] for name in ("costs", "setpoints", "gradients")]
+        if any(array.dtype.kind != "f" for array in kept):
+            raise ValueError("costs, setpoints or gradients are not real numbers")
+        if not np.isfinite(setpoints).all():
+            raise ValueError("setpoints are not finite")
         if not (costs.ndim == 1 and costs.size and np.isfinite(costs).all()):
             raise ValueError("costs are not one finite number an iterate")
         if not (setpoints.ndim == 2 and setpoints.shape == gradients.shape and len(setpoints) == len(costs)):
             raise ValueError("setpoints and gradients are not one row an iterate")
         seconds = float(attributes["seconds_compile"]), float(attributes["seconds_run"])
+        if not all(0 <= some < np.inf for some in seconds):
+            raise ValueError("seconds are none")
         settings = dict(attributes["settings"].items())
-        kept = (arrays[name] for name in ("costs", "setpoints", "gradients"))
         fields: list[Any] = [*kept, Status(attributes["status"]), *seconds]
         return Descent(*fields), settings
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -9,7 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import jax
 from rich.console import Console
@@ -24,6 +24,10 @@ from tog_mjx.xla_flags import tune_compiler
 CACHE_VARIABLE = "TOG_MJX_CACHE"
 """Environment variable: the folder of compiled functions, or "off". The default lies in the user's cache folder."""
 
+SEEDS = 2**32 - 1
+"""The largest seed: in float32 JAX would cut off what is beyond."""
+GRID_MOST = 3000
+"""Points of a landscape along each axis."""
 _SECONDS_BETWEEN_LINES = 10
 
 
@@ -32,6 +36,19 @@ class ArgumentParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message} (see --help)\n")
+
+
+def within(kind: Callable[[str], Any], low: int | float, high: int | float) -> Callable[[str], Any]:
+    """A parser of numbers from `low` to `high`."""
+
+    def number(text: str) -> Any:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not from {low} to {high}")
+        return value
+
+    number.__name__ = kind.__name__  # argparse names it where `kind` fails.
+    return number
 
 
 def run_main(main: Callable[[], None]) -> None:

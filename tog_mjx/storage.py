@@ -9,7 +9,7 @@ import errno
 import json
 import os
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -50,12 +50,21 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
             partial.unlink(missing_ok=True)
 
 
-def check_writable(path: Path) -> None:
-    """Fails before the work where `atomic_write` would fail after it.
+def check_writable(*paths: Path, inputs: Sequence[Path] = ()) -> None:
+    """Fails before the work where `atomic_write` would fail after it, or replace what is needed.
 
     Raises:
-      InputError: where the folder or the file cannot be written.
+      InputError: where a folder or a file cannot be written, or two files or one of the `inputs` have the same name.
     """
+    files = [path.resolve() for path in (*inputs, *paths)]
+    for i, path in enumerate(paths, len(inputs)):
+        if files[i] in files[:i]:
+            why = "it is read" if files[i] in files[: len(inputs)] else "two files would have that name"
+            raise InputError(f"{paths[i - len(inputs)]}: {why}; choose another name")
+        _check_writable(path)
+
+
+def _check_writable(path: Path) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=path.parent).close()
