@@ -145,6 +145,18 @@ def test_a_scene_knows_which_of_its_variables_are_alike():
         assert (scene.kin.tolist(), (~scene.unused).tolist()) == (kin, read)
 
 
+@pytest.mark.parametrize(("value", "level"), [(2.0, Level.FINE), (None, Level.CARE)])
+def test_a_range_without_a_limit_is_no_care_beside_one_that_has_it(value, level):
+    """Alone it is, and zeros say so; beside others nobody asks for its derivative."""
+    xml = """<mujoco><worldbody><body><joint type="slide" range="0 1"/><joint type="slide" axis="0 1 0"/>
+      <geom size=".1"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    assert unused(model, "jnt_range").tolist() == [[False, False], [True, True]]
+    (remark,) = [some for some in preflight(model, wrt="jnt_range") if "of no constraint" in some.what]
+    assert remark.finding().level == Level.CARE
+    assert remark.finding([Finding("zeros", Level.FINE if value else Level.CARE, "", value)]).level == level
+
+
 @pytest.mark.parametrize(("condim", "told"), [(3, False), (4, True)])
 def test_equal_frictions_are_a_kink_where_they_are_read(condim, told):
     """Those of spinning are equal, of sliding and rolling are not."""

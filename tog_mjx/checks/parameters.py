@@ -209,7 +209,8 @@ def absent(question: Question) -> Iterator[Spoiler]:
     model, array, asked = question.model, question.array, question.chosen
     if array in _ROWS and (missing := int((asked.reshape(len(asked), -1).any(axis=1) & ~_ROWS[array](model)).sum())):
         what = f"{array}: {missing} of its entries are of no constraint, so their derivative is zero"
-        yield Spoiler(Culprit(what), "give the scene a small friction loss, or a limit, where one is meant")
+        remedy = "give the scene a small friction loss, or a limit, where one is meant"
+        yield Spoiler(Culprit(what), remedy, measured_by="zeros" if array in ("jnt_range", "tendon_range") else "")
     if array in ("body_mass", "body_inertia"):
         what = f"{array}: the inverse weights that scale the constraints do not follow it"
         yield Spoiler(Culprit(what), "move body_invweight0 and dof_invweight0 along, or recompile for differences")

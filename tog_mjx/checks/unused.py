@@ -8,6 +8,7 @@ from jaxtyping import Bool
 from tog_mjx.supported import candidates
 
 _OF_MASSES = ("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_gravcomp")
+_OF_LIMITS = {"jnt_range": "jnt_limited", "tendon_range": "tendon_limited"}
 _OF_CONTACTS = ("geom_solref", "geom_solimp", "geom_solmix", "geom_margin", "geom_gap")
 _FRICTIONS = {1: 0, 3: 1, 4: 2, 6: 3}
 """By condim, how many of sliding, spinning and rolling friction a contact reads."""
@@ -20,6 +21,9 @@ def unused(model: mujoco.MjModel, array: str) -> Bool[np.ndarray, "..."]:
     if array in _OF_MASSES:
         read = np.ones(getattr(model, array).shape, bool)
         read[model.body_weldid == 0] = False
+    elif array in _OF_LIMITS:
+        read = np.ones(getattr(model, array).shape, bool)
+        read[getattr(model, _OF_LIMITS[array]) == 0] = False
     elif array == "pair_friction":
         numbers = np.array([_PAIR_FRICTIONS[int(condim)] for condim in model.pair_dim], int)
         read = np.arange(5) < numbers[:, None]
