@@ -20,8 +20,8 @@ from rich.status import Status
 from rich.table import Table
 
 from tog_mjx.checks.alone import COLUMNS, CRASHED, finish_file
-from tog_mjx.console import ArgumentParser, run_main
-from tog_mjx.errors import InputError
+from tog_mjx.console import ArgumentParser, printable, run_main, within
+from tog_mjx.errors import MANY, InputError
 from tog_mjx.storage import atomic_write, check_writable
 
 
@@ -33,7 +33,7 @@ def main() -> None:
     root = Path(os.path.commonpath([file.parent for file in files]))
     rows = []
     for i, file in enumerate(files, 1):
-        name = file.relative_to(root).as_posix()
+        name = printable(file.relative_to(root).as_posix())
         with console.status("") as status:
             start = f"[{i}/{len(files)}] {name}: "
 
@@ -51,13 +51,15 @@ def main() -> None:
 def parse_arguments():
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("models", nargs="+", type=Path, metavar="FILE_OR_FOLDER", help="MJCF files, or folders of them")
-    parser.add_argument("--steps", type=int, default=100, metavar="N", help="time steps (default: %(default)s)")
+    parser.add_argument(
+        "--steps", type=within(int, 1, MANY), default=100, metavar="N", help="time steps (default: %(default)s)"
+    )
     parser.add_argument("--quick", action="store_true", help="leave out other modes, float32, and what it costs")
     parser.add_argument("--limit", type=float, default=10.0, metavar="MINUTES", help="a model (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("results/models"), metavar="DIR", help="default: %(default)s")
     args = parser.parse_args()
-    if args.steps < 1 or not args.limit > 0:
-        parser.error("give one step or more, and a limit above zero")
+    if not args.limit > 0:
+        parser.error("argument --limit: give a limit above zero")
     return args
 
 

@@ -40,7 +40,7 @@ def without_annotations():
         (lambda x: {"J": x.sum()}, "<lambda> returns a dict; give one number, or an array of them"),
         (lambda x: (x, x.sum()), "<lambda> returns a tuple; give"),
         (lambda x: jnp.round(x).astype(int), "<lambda> returns int.., which has no derivative; give"),
-        (lambda x: x.sum() * 1j, "<lambda> returns a complex number; give"),
+        (lambda x: x.sum() * 1j, "<lambda> returns a complex number; give a real one"),
         (lambda _: None, "<lambda> returns a NoneType; give"),
         (lambda _: "far", "<lambda> returns a str; give"),
         (lambda x: x[:0], r"<lambda> returns nothing: an array of shape \[0\]"),

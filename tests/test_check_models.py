@@ -73,7 +73,7 @@ def test_bad_input_is_one_line(tmp_path, run_script):
     for arguments, words in (
         ((tmp_path / "none.xml",), "no such file or folder"),
         ((tmp_path,), "no MJCF file under this folder"),
-        ((tmp_path, "--steps", "0"), "give one step or more"),
+        ((tmp_path, "--steps", "0"), "argument --steps: 0 is not from 1 to 10000000"),
         ((tmp_path, "--limit", "nan"), "a limit above zero"),
     ):
         status, said, complaint = run_script("check_models.py", *arguments, "--out", tmp_path / "out")

@@ -3,10 +3,13 @@
 import argparse
 import contextlib
 import gc
+import io
 import os
+import re
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -17,7 +20,8 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from tog_mjx.devices import use_all_cores
-from tog_mjx.errors import InputError
+from tog_mjx.errors import InputError, near
+from tog_mjx.quiet import without_warnings
 from tog_mjx.user_code import own_lines
 from tog_mjx.xla_flags import tune_compiler
 
@@ -35,7 +39,14 @@ class ArgumentParser(argparse.ArgumentParser):
     """argparse's, saying in one line on standard error what is wrong."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message} (see --help)\n")
+        if found := re.search(r"invalid choice: '(.+)' \(choose from (.+)\)", message):
+            message += near(found[1], re.findall(r"[^\s,']+", found[2]))
+        self.exit(2, f"{self.prog}: {printable(message)} (see --help)\n")
+
+
+def printable(text: str) -> str:
+    """The text in one line, and nothing in it that a terminal obeys: names in a scene may hold anything."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def within(kind: Callable[[str], Any], low: int | float, high: int | float) -> Callable[[str], Any]:
@@ -63,9 +74,16 @@ def run_main(main: Callable[[], None]) -> None:
         tune_compiler()
         # Tracing a step of MJX makes many objects and little garbage: a fifth of its time went into looking for some.
         gc.set_threshold(100_000)
-        main()
+        for stream in (sys.stdout, sys.stderr):
+            if isinstance(stream, io.TextIOWrapper):  # A name of a file need be no text in the terminal's encoding.
+                stream.reconfigure(errors="backslashreplace")
+        with without_warnings(), warnings.catch_warnings():
+            if not sys.warnoptions:  # Libraries' own; what matters of it the checks tell.
+                warnings.filterwarnings("ignore", category=RuntimeWarning)
+                warnings.filterwarnings("ignore", module="matplotlib|jax")
+            main()
     except InputError as error:
-        print(f"{own_lines(error.__cause__)}{name}: {error}", file=sys.stderr)
+        print(f"{own_lines(error.__cause__)}{name}: {printable(str(error))}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
         print(f"{name}: interrupted; what was finished is kept, the same command continues", file=sys.stderr)
@@ -75,7 +93,7 @@ def run_main(main: Callable[[], None]) -> None:
 def enable_compilation_cache() -> None:
     """Keeps compiled functions on disk, so that a second start need not compile. JAX_COMPILATION_CACHE_DIR wins."""
     wish = os.environ.get(CACHE_VARIABLE)
-    if wish == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+    if (wish or "").lower() == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
         return
     root = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 (Path.home() may raise)
     folder = Path(wish or Path(root) / "tog_mjx")

@@ -221,8 +221,16 @@ def compile_model(path: Path) -> mujoco.MjModel:
       InputError: one line for a file that is malformed.
     """
     try:
+        path.open("rb").close()
+        if path.suffix == ".mjb":
+            raise ValueError("it is a compiled model; give the MJCF file that it was made from")
         with without_warnings():
             model = mujoco.MjModel.from_xml_path(str(path))
+        model.names.decode()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeError:
+        raise InputError(f"{path}: its name or a name in it is not in UTF-8; save it in that encoding") from None
     except ValueError as error:
         raise InputError(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from None
     require_time_step(model, str(path))

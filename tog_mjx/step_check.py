@@ -74,6 +74,8 @@ def step_function(model: mujoco.MjModel, iterations: int | None = None, paramete
 
     Without `parameters` it is one of the state and the controls alone.
     """
+    if not model.nv:
+        raise InputError("the scene has no joints: nothing moves in it, and there is no derivative to check")
     mjx_model = put_model(model)
     if iterations is not None:
         mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(iterations=iterations))

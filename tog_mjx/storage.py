@@ -43,8 +43,9 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
             os.fsync(file.fileno())
         partial.chmod(0o666 & ~_umask())
         partial.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    except (OSError, RecursionError) as error:  # Python makes folders in folders by recursion.
+        why = getattr(error, "strerror", "too many folders in folders")
+        raise InputError(f"{path}: cannot be written ({why}); choose another place") from None
     finally:
         if partial is not None:
             partial.unlink(missing_ok=True)
@@ -70,8 +71,9 @@ def _check_writable(path: Path) -> None:
         tempfile.TemporaryFile(dir=path.parent).close()
         if path.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror}); choose another place") from None
+    except (OSError, RecursionError) as error:  # Python makes folders in folders by recursion.
+        why = getattr(error, "strerror", "too many folders in folders")
+        raise InputError(f"{path}: cannot be written ({why}); choose another place") from None
 
 
 def _umask() -> int:

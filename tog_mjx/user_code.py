@@ -50,7 +50,7 @@ def real(what: str, value: Any, wanted: str) -> Array:
     if array is None:
         raise InputError(f"{what} returns a {type(value).__name__}; give {wanted}")
     if jnp.iscomplexobj(array):
-        raise InputError(f"{what} returns a complex number; give {wanted}")
+        raise InputError(f"{what} returns a complex number; give a real one")
     if not jnp.issubdtype(array.dtype, jnp.floating):
         raise InputError(f"{what} returns {array.dtype}, which has no derivative; give {wanted}")
     return array

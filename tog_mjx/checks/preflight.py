@@ -1,7 +1,8 @@
 """All that a scene has which MJX does not support, ignores in silence, or of which it is known that it spoils
 gradients: told all at once, with names and lines, before anything compiles."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +16,10 @@ from tog_mjx.checks.scene_function import variables_of
 from tog_mjx.checks.spoilers import Question, Spoiler
 from tog_mjx.quiet import without_warnings
 from tog_mjx.state import copy_of, default_start
-from tog_mjx.supported import Culprit, ignored, unsupported
+from tog_mjx.supported import Culprit, ignored, name_of, unsupported
+
+_OF_A_KIND = 5
+"""Remarks that say the same of other elements; of more only the number is told."""
 
 
 class Remark(NamedTuple):
@@ -71,23 +75,38 @@ def preflight(
     """
     lines = Lines(model, path)
     remarks = []
-    for culprit in unsupported(model):
-        remedy = "MJX does not support it: remove or replace it"
-        remarks.append(_remark(lines, Spoiler(culprit, remedy, Level.FAULT), blocks=True))
-    for culprit in ignored(model):
-        remedy = "MJX ignores it, so the motion is another one: remove it"
-        remarks.append(_remark(lines, Spoiler(culprit, remedy, Level.FAULT)))
+    remedy = "MJX does not support it: remove or replace it"
+    refused = [Spoiler(culprit, remedy, Level.FAULT) for culprit in unsupported(model)]
+    remarks += [_remark(lines, spoiler, blocks=True) for spoiler in _grouped(model, refused)]
+    remedy = "MJX ignores it, so the motion is another one: remove it"
+    left_out = [Spoiler(culprit, remedy, Level.FAULT) for culprit in ignored(model)]
+    remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, left_out)]
     if not any(remark.blocks for remark in remarks):
         with without_warnings():
             variables = variables_of(model, wrt) if wrt else ("", np.zeros(0, bool))
             question = Question(model, _state(model, data), *variables, differentiation)
-            remarks += [_remark(lines, spoiler) for spoiler in _spoilers(question)]
+            remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, _spoilers(question))]
     return sorted(remarks, key=lambda remark: (-remark.blocks, -remark.level))
 
 
 def _spoilers(question: Question) -> Iterator[Spoiler]:
     for detector in (*spoilers.DETECTORS, *parameters.DETECTORS):
         yield from detector(question)
+
+
+def _grouped(model: mujoco.MjModel, spoilers: Iterable[Spoiler]) -> Iterator[Spoiler]:
+    """Each kind of them `_OF_A_KIND` times at most: those that say the same but for names and numbers."""
+    kinds: dict[tuple, list[Spoiler]] = {}
+    for spoiler in spoilers:
+        what = spoiler.culprit.what
+        for kind, i in spoiler.culprit.elements:
+            what = what.replace(name_of(model, kind, i), kind)
+        kinds.setdefault((re.sub(r"[-+.e\d]*\d", "#", what), spoiler.level, spoiler.measured_by), []).append(spoiler)
+    for same in kinds.values():
+        *first, last = same[:_OF_A_KIND]
+        more = f" (and {len(same) - _OF_A_KIND} more alike)" if len(same) > _OF_A_KIND else ""
+        yield from first
+        yield last._replace(culprit=last.culprit._replace(what=last.culprit.what + more))
 
 
 def _state(model: mujoco.MjModel, data: mujoco.MjData | None) -> mujoco.MjData:

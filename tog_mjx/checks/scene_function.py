@@ -169,7 +169,7 @@ class SceneFunction:
 
 
 def _number(name: str, cost: Cost, data: mjx.Data) -> Float[Array, "1"]:
-    number = real(f"the cost {name}", call(f"the cost {name} fails", cost, data), "one real number")
+    number = real(f"the cost {name}", call(f"the cost {name} fails", cost, data), "one number")
     if number.size != 1:
         raise InputError(f"the cost {name} returns an array of shape {list(number.shape)}; give one number")
     return jnp.reshape(number, (1,)).astype(float)

@@ -62,6 +62,8 @@ def _read(path: Path) -> dict[str, Any]:
         given = json.loads(path.read_text())
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); give a .npz or .json file") from None
+    except RecursionError:
+        raise InputError(f"{path}: its lists are nested too deeply; give lists of numbers") from None
     except ValueError as error:  # Of both formats, and of text that is none.
         raise InputError(f"{path}: is no .npz or .json file: {error}") from None
     if not isinstance(given, dict):
