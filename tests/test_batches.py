@@ -5,6 +5,7 @@ import pytest
 
 from tog_mjx import batches
 from tog_mjx.batches import CHUNK, map_kept, map_points
+from tog_mjx.storage import save_result
 
 POINTS = np.random.default_rng(0).normal(size=(4 * CHUNK - 3, 2))
 
@@ -44,6 +45,15 @@ def test_a_killed_computation_goes_on_where_it_was(tmp_path, monkeypatch):
     said.clear()
     np.testing.assert_array_equal(map_kept(row_sum, POINTS, path, {"a": 1}, said.append), found)
     assert said == []
+
+
+@pytest.mark.parametrize(
+    "values", [np.zeros(len(POINTS) + 1), np.zeros((5, 2)), np.zeros(5, complex), np.array(["a"] * 5)]
+)
+def test_values_that_cannot_be_its_own_begin_anew(tmp_path, values):
+    path = tmp_path / "values.npz"
+    save_result(path, {"values": values}, {"settings": {"a": 1, "points": len(POINTS)}})
+    np.testing.assert_allclose(map_kept(row_sum, POINTS, path, {"a": 1}), POINTS.sum(1))
 
 
 @pytest.mark.parametrize("spoil", ["settings", "damage"])

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tog_mjx import comparison
+from tog_mjx import agreement, comparison
+from tog_mjx.agreement import MJX, Gradients, Piece
 from tog_mjx.comparison import Run
 from tog_mjx.descent import Status
 from tog_mjx.storage import DamagedFileError, load_result, save_result
@@ -65,6 +66,18 @@ def test_a_result_that_does_not_fit_its_settings_is_damaged(descent, tmp_path):
             comparison.load(RUN, tmp_path)
     comparison.save(RUN, short._replace(status=Status.NON_FINITE), tmp_path)
     assert comparison.load(RUN, tmp_path).iterations == 1
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"gradients": np.zeros((3, 4))}, {"change": np.zeros(3, complex)}, {"seconds_run": float("nan")}]
+)
+def test_gradients_that_were_kept_are_judged_too(tmp_path, wrong):
+    piece, right = Piece("flip", MJX, 3, 0), Gradients(np.zeros((3, 2)), np.full((3, 2), np.nan), np.zeros(3), 0.0, 1.0)
+    agreement.save(piece, right, tmp_path)
+    assert agreement.load(piece, tmp_path).seconds_run == 1
+    agreement.save(piece, right._replace(**wrong), tmp_path)
+    with pytest.raises(DamagedFileError, match="mjx"):
+        agreement.load(piece, tmp_path)
 
 
 def test_settings_tell_runs_apart():

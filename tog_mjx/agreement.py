@@ -23,7 +23,7 @@ from tog_mjx.gradients import exact
 from tog_mjx.rollout import final_cost
 from tog_mjx.scene import Scene
 from tog_mjx.simulators import TERMS, Simulator, make_simulator
-from tog_mjx.storage import DamagedFileError, load_result, save_result
+from tog_mjx.storage import DamagedFileError, load_result, of_shapes, save_result
 from tog_mjx.tasks import Task, get_task
 
 REFERENCE = "C MuJoCo, differences"
@@ -154,7 +154,12 @@ def load(piece: Piece, out: Path) -> Gradients:
         raise InputError(f"{path} was made with {what}; choose another --out, or --force to replace it")
     try:
         seconds = float(attributes["seconds_compile"]), float(attributes["seconds_run"])
-        return Gradients(arrays["setpoints"], arrays["gradients"], arrays["change"], *seconds)
+        if not all(0 <= some < np.inf for some in seconds):
+            raise ValueError("seconds are none")
+        points, n = piece.points, get_task(piece.task).initial_guess.size
+        shapes: dict[str, tuple[int | None, ...]] = {"setpoints": (points, n), "gradients": (points, n)}
+        setpoints, gradients, change = of_shapes(path, arrays, **shapes, change=(points,))
+        return Gradients(setpoints, gradients, change, *seconds)
     except (KeyError, TypeError, ValueError) as error:
         raise DamagedFileError(f"{path}: {error}") from None
 

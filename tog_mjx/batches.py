@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.devices import agree, is_first_process, over_devices
-from tog_mjx.storage import DamagedFileError, load_result, save_result
+from tog_mjx.storage import DamagedFileError, load_result, of_shapes, save_result
 
 CHUNK = 64
 """Points computed at a time on each device, unless told otherwise."""
@@ -60,7 +60,11 @@ def map_kept(
     """
     settings = json.loads(json.dumps({**settings, "points": len(points)}))
     value = jax.eval_shape(function, jnp.asarray(points[:1]))
-    kept = agree(_read(path, settings) if is_first_process() else None, value.shape[1:], value.dtype)
+    kept = agree(
+        _read(path, settings, len(points), value.shape[1:]) if is_first_process() else None,
+        value.shape[1:],
+        value.dtype,
+    )
     if len(kept) == len(points):
         return kept
     found = [kept]
@@ -88,12 +92,13 @@ def chunk_size(number: int, chunk: int) -> int:
     return devices * -(-number // (chunks * devices))
 
 
-def _read(path: Path, settings: Mapping[str, Any]) -> np.ndarray | None:
-    """The values that a file made with these settings holds."""
+def _read(path: Path, settings: Mapping[str, Any], points: int, shape: tuple[int, ...]) -> np.ndarray | None:
+    """The values [n, *shape] of at most so many points that a file made with these settings holds."""
     with contextlib.suppress(FileNotFoundError, DamagedFileError):
         arrays, attributes = load_result(path)
         if attributes.get("settings") == settings:
-            return arrays["values"]
+            (values,) = of_shapes(path, arrays, values=(None, *shape))
+            return values if len(values) <= points else None
     return None
 
 

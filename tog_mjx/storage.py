@@ -106,6 +106,20 @@ def load_result(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         raise DamagedFileError(f"{path}: {' '.join(str(error).split())}") from None
 
 
+def of_shapes(path: Path, arrays: Mapping[str, np.ndarray], **shapes: tuple[int | None, ...]) -> list[np.ndarray]:
+    """The arrays of these names, of a result from `path`; None in a shape is any length.
+
+    Raises:
+      DamagedFileError: if one is missing, of another shape, or not of real numbers.
+    """
+    for name, shape in shapes.items():
+        found = arrays.get(name, np.zeros(0, bool))
+        fits = len(found.shape) == len(shape) and all(b in (a, None) for a, b in zip(found.shape, shape, strict=True))
+        if not fits or found.dtype.kind != "f":
+            raise DamagedFileError(f"{path}: {name} are not numbers of shape {list(shape)}")
+    return [arrays[name] for name in shapes]
+
+
 def save_json(path: Path, content: Any) -> None:
     """Writes JSON, atomically. NaN and infinity are refused: they are not JSON."""
     with atomic_write(path) as file:
