@@ -1,4 +1,5 @@
-"""Where MJX's own derivative is zero or NaN in silence: rotations at rest, and impedances whose power is not whole."""
+"""Where MJX's own derivative is zero or NaN in silence: rotations at rest, impedances
+whose power is not whole, and time constants that MJX raises."""
 
 import threading
 
@@ -127,3 +128,21 @@ def test_mjx_is_as_it_was_when_the_last_thread_is_out():
     leave.set()
     other.join()
     assert mjx._src.math.quat_to_axis_angle is stock
+
+
+def test_a_solref_below_two_time_steps_has_the_derivative_zero():
+    xml = """<mujoco><option timestep="0.01"/><worldbody><geom type="plane" size="5 5 .1" solref="{0} 1"/>
+      <body pos="0 0 .099"><joint type="slide" axis="0 0 1"/><geom size=".1" condim="1" solref="{0} 1"/></body>
+      </worldbody></mujoco>"""
+
+    @jax.jit
+    def slope(model: mjx.Model) -> jax.Array:
+        def speed(t: jax.Array) -> jax.Array:
+            moved = model.replace(geom_solref=model.geom_solref.at[:, 0].add(t))
+            return tog.step(moved, make_data(moved).replace(qvel=jnp.array([-1.0]))).qvel[0]
+
+        return jax.jvp(speed, (0.0,), (1.0,))[1]
+
+    slopes = [float(slope(put_model(mujoco.MjModel.from_xml_string(xml.format(t))))) for t in (0.005, 0.03)]
+    assert slopes[0] == 0
+    assert abs(slopes[1]) > 1

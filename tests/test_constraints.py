@@ -1,5 +1,7 @@
 """MuJoCo's constraint force as a pure function: minus the gradient of the cost, and safe where it is singular."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from tog_mjx.constraints import Rows, constraint_force
+from tog_mjx.constraints import Rows, constraint_force, residual, solution
 
 # One equality, two friction losses, one limit, one elliptic contact of condim 3 and one of condim 6.
 LOSSES, SIZE = 2, 1 + 2 + 1 + 3 + 6
@@ -89,3 +91,27 @@ def test_at_the_apex_and_at_zero_sliding_speed():
     # Pressed without sliding, the contact is linear in all its rows.
     pressed = jnp.zeros(SIZE).at[4].set(-1.0)
     np.testing.assert_allclose(JACOBIAN(pressed)[4:7, 4:7], -jnp.diag(ROWS.D[4:7]))
+
+
+def test_the_solution_is_the_minimum_of_the_cost():
+    """From afar, across kinks of all kinds, against the cost as the documentation has it."""
+    solve, numbers = jax.jit(jax.vmap(solution)), np.random.default_rng(1)
+    many, size = 40, 5
+    jacobian, reference = numbers.normal(size=(many, SIZE, size)), 2 * numbers.normal(size=(many, SIZE))
+    root = numbers.normal(size=(many, size, size))
+    mass, smooth = root @ root.swapaxes(1, 2) + np.eye(size), 3 * numbers.normal(size=(many, size))
+    repeated = jax.tree.map(lambda x: jnp.broadcast_to(x, (many, *x.shape)), ROWS)
+    rows = dataclasses.replace(repeated, jacobian=jnp.array(jacobian), reference=jnp.array(reference))
+    starts = 5 * numbers.normal(size=(many, size))
+    found = np.asarray(solve(jnp.array(starts), jnp.array(mass), jnp.array(smooth), rows))
+    for q, J, a, M, f in zip(found, jacobian, reference, mass, smooth, strict=True):
+
+        def total(q, J=J, a=a, M=M, f=f):
+            return q @ M @ q / 2 - q @ f + cost(J @ q - a)
+
+        h = 1e-5
+        slopes = [(total(q + h * e) - total(q - h * e)) / (2 * h) for e in np.eye(size)]
+        np.testing.assert_allclose(slopes, 0, atol=1e-3)  # Half of h times the jump of the cost's second derivative.
+        assert min(total(q + 1e-3 * step) for step in numbers.normal(size=(20, size))) > total(q)
+    residuals = jax.vmap(residual)(jnp.array(found), jnp.array(mass), jnp.array(smooth), rows)
+    np.testing.assert_allclose(residuals, 0, atol=1e-9)

@@ -8,6 +8,7 @@ import pytest
 
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.preflight import Remark, preflight
+from tog_mjx.scene import models_folder
 
 GALLERY = Path(__file__).parent / "scenes" / "verdicts"
 EXPECTED = {entry["file"]: entry for entry in tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]}
@@ -53,3 +54,10 @@ def test_only_a_check_that_was_run_can_say_that_a_feature_does_no_harm():
     found = [feared.finding([Finding("time step", Level.FINE, "", value)]) for value in (None, 0.01)]
     assert [some.level for some in found] == [Level.CARE, Level.FINE]
     assert "has measured" not in found[0].sentence
+
+
+def test_the_projects_scenes_have_no_fault():
+    scenes = [models_folder() / f"{name}.xml" for name in ("flip", "grasp")]
+    scenes += sorted((Path(__file__).parent / "scenes").glob("*.xml"))
+    for path in scenes:
+        assert all(remark.level < Level.FAULT for remark in preflight(mujoco.MjModel.from_xml_path(str(path)), path))
