@@ -1,5 +1,7 @@
-"""Where MJX's own derivative is zero or NaN in silence: rotations at rest, impedances
-whose power is not whole, and time constants that MJX raises."""
+"""Where MJX's own derivative is zero or NaN in silence.
+
+Rotations at rest, impedances whose power is not whole, and time constants that MJX raises.
+"""
 
 import threading
 
