@@ -22,7 +22,7 @@ from tog_mjx.storage import check_writable, save_json
 from tog_mjx.tasks import TASKS, get_task
 
 SECTIONS = ("single", "start", "batches", "crossover", "scaling")
-BATCHES, MJX_LIMIT, KNOTS, FACTORS = (64, 256, 1024, 4096, 16384, 40000), 256, (1, 4, 16, 64, 256, 512), (1, 4, 16, 64)
+BATCHES, KNOTS, FACTORS = (64, 256, 1024, 4096, 16384, 40000), (1, 4, 16, 64, 256, 512), (1, 4, 16, 64)
 QUICK_BATCHES, QUICK_KNOTS, QUICK_FACTORS = (64, 1024), (1, 8), (1, 4)
 
 
@@ -48,13 +48,19 @@ def parse_arguments():
     parser.add_argument(
         "--repeats", type=int, metavar="N", help="rounds, of which the median is taken (default: 15; quick: 3)"
     )
+    parser.add_argument(
+        "--batch", type=int, nargs="+", metavar="N", help=f"sizes of batches (default: {', '.join(map(str, BATCHES))})"
+    )
     parser.add_argument("--float32", action="store_true", help="instead of float64")
     parser.add_argument("--out", type=Path, metavar="FILE.json", help="where to keep the numbers")
     args = parser.parse_args()
     if args.repeats is None:
         args.repeats = 3 if args.quick else 15
-    if args.repeats < 1:
-        parser.error(f"argument --repeats: {args.repeats} is too few; give 1 or more")
+    if args.batch is None:
+        args.batch = QUICK_BATCHES if args.quick else BATCHES
+    for option, value in (("--repeats", args.repeats), ("--batch", min(args.batch))):
+        if value < 1:
+            parser.error(f"argument {option}: {value} is too few; give 1 or more")
     return args
 
 
@@ -75,8 +81,7 @@ def measure(name: str, args, console: Console) -> list[dict[str, Any]]:
             case "start":
                 rows = sections.start(task, report)
             case "batches":
-                sizes = QUICK_BATCHES if args.quick else BATCHES
-                rows = sections.batches(task, sizes, MJX_LIMIT, few, report)
+                rows = sections.batches(task, args.batch, few, report)
             case "crossover":
                 knots = QUICK_KNOTS if args.quick else KNOTS
                 rows = sections.crossover(task, knots, few, report)

@@ -66,3 +66,10 @@ def test_other_settings_or_a_damaged_file_begin_anew(tmp_path, spoil):
     found = map_kept(row_max, POINTS, path, {"a": 1 if spoil == "damage" else 2}, said.append)
     assert said[-1] == len(POINTS)
     np.testing.assert_array_equal(found, POINTS.max(1))
+
+
+def test_a_gpu_takes_many_more_at_a_time(monkeypatch):
+    assert batches.chunk_size(10_000, 64) == 64
+    monkeypatch.setattr(batches.jax, "default_backend", lambda: "gpu")
+    assert batches.chunk_size(10_000, 64) == 10_000
+    assert batches.chunk_size(20_000, 64) == 10_000

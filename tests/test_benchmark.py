@@ -36,7 +36,11 @@ def test_sections_that_need_no_mjx_are_printed_and_kept(run_script, tmp_path, mo
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
-    [(["--repeats", "0"], "argument --repeats: 0 is too few"), (["--task", "juggle"], "invalid choice: 'juggle'")],
+    [
+        (["--repeats", "0"], "argument --repeats: 0 is too few"),
+        (["--batch", "64", "0"], "argument --batch: 0 is too few"),
+        (["--task", "juggle"], "invalid choice: 'juggle'"),
+    ],
 )
 def test_bad_input_is_one_line_and_status_2(run_script, arguments, message):
     status, said, complaint = run_script("benchmark.py", *arguments)

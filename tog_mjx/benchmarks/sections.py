@@ -35,6 +35,8 @@ Report = Callable[[str], None]
 PYTHON = "Python loop, released"
 UNROLLED = 20
 """Time steps of the Python loop, whose times are scaled to the whole horizon."""
+PATIENT = 256
+"""The largest batch of MJX on the cores of a CPU, and of C MuJoCo: more of them take as much longer."""
 SIMULATED = ("penalty", "mjx")
 """In batches and crossovers."""
 PATIENCE = 5.0
@@ -116,11 +118,12 @@ def start(task: Task, report: Report) -> list[Row]:
     return rows
 
 
-def batches(task: Task, sizes: Sequence[int], mjx_limit: int, repeats: int, report: Report) -> list[Row]:
+def batches(task: Task, sizes: Sequence[int], repeats: int, report: Report) -> list[Row]:
     """Motions and forward-mode gradients of many setpoints at once, on all devices: `per_second`, by batch size.
 
-    MJX is measured up to `mjx_limit` at a time. The C loop is that of the flip, where there is a compiler.
+    The C loop is that of the flip, where there is a compiler.
     """
+    is_cpu = jax.default_backend() == "cpu"
     low, high = np.array(task.window).T
     points = np.random.default_rng(0).uniform(low, high, (max(sizes), 2))
     setpoints = np.array(jax.vmap(task.expand)(jnp.array(points)))
@@ -130,12 +133,12 @@ def batches(task: Task, sizes: Sequence[int], mjx_limit: int, repeats: int, repo
             report(f"batch of {size}")
             runs: dict[tuple[str, str], Callable] = {}
             for name in SIMULATED:
-                if name == "mjx" and size > mjx_limit:
+                if name == "mjx" and is_cpu and size > PATIENT:
                     continue
                 cost = functools.partial(final_cost, task, make_simulator(name, task.scene))
                 runs[name, "J"] = _in_chunks(jax.vmap(cost), setpoints[:size], name)
                 runs[name, "gradient"] = _in_chunks(exact_batch(cost), setpoints[:size], name)
-            if size <= mjx_limit:
+            if size <= PATIENT:
                 runs["C MuJoCo, all cores", "J"] = functools.partial(reference.final_costs, task, setpoints[:size])
             if loop is not None:
                 runs["C loop, all cores, float32", "J"] = functools.partial(loop, setpoints[:size])
