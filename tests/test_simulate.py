@@ -74,10 +74,27 @@ def test_gradients_are_differences_with_and_without_checkpoints(model, rows):
     np.testing.assert_allclose((plain * direction).sum(), difference, rtol=1e-6)
 
 
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_batch_of_models_is_its_members(model, rows, by_hand, whole):
+    """As domain randomisation makes it: some fields have an axis more; or all, out of vmap, and a policy drives."""
+    gears = jnp.array([1.0, 0.0])[:, None, None] * model.actuator_gear
+    data = jax.vmap(lambda q: mjx.make_data(model).replace(qpos=q))(jnp.zeros((2, 1)))
+    if whole:
+        models = jax.vmap(lambda gear: model.tree_replace({"actuator_gear": gear}))(gears)
+        controls = lambda state, time: rows[jnp.round(time / 0.005).astype(int)] + 0 * state.qpos  # noqa: E731
+    else:
+        models, controls = model.tree_replace({"actuator_gear": gears}), rows
+    qpos, qvel = tog.simulate(models, data, controls, STEPS)[1]
+    np.testing.assert_allclose(np.c_[qpos[0], qvel[0]], by_hand, atol=1e-12)
+    np.testing.assert_array_equal(qpos[1], 0)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         ({"controls": jnp.zeros(3)}, r"controls have shape \(3,\); give \[2\] or \[60, 2\]"),
+        ({"controls": lambda *_: jnp.zeros(3)}, r"returns an array of shape \(3,\); give \[2\]"),
+        ({"controls": lambda *_: None}, r"controls\(state, time\) returns no array of numbers; give"),
         ({"differentiation": "magic"}, "differentiation='magic' is unknown"),
         ({"steps": 0}, "steps is 0"),
         ({"checkpoint": 7}, "give a divisor of the 60 steps"),
@@ -87,3 +104,15 @@ def test_bad_input_is_one_line(model, changes, message):
     given = {"controls": jnp.zeros(2), "steps": STEPS} | changes
     with pytest.raises(tog.InputError, match=message):
         tog.simulate(model, mjx.make_data(model), **given)
+
+
+def test_batches_that_do_not_match_are_one_line(model):
+    models = model.tree_replace({"body_mass": jnp.ones((3, 2))})
+    data = jax.vmap(lambda q: mjx.make_data(model).replace(qpos=q))(jnp.zeros((2, 1)))
+    with pytest.raises(tog.InputError, match="body_mass of the model has 3 members, and the data 2: give as many"):
+        tog.simulate(models, data, jnp.zeros(2), STEPS)
+    single = r"body_mass of the model has the shape \[3, 2\]: it is a batch of models; take them one by one"
+    with pytest.raises(tog.InputError, match=single):
+        tog.simulate(models, mjx.make_data(model), jnp.zeros(2), STEPS)
+    with pytest.raises(tog.InputError, match=single):
+        tog.step(models, mjx.make_data(model))

@@ -68,11 +68,17 @@ def step(model: mjx.Model, data: mjx.Data, *, differentiation: str = "implicit")
 
 
 @mended()
-def forward(model: mjx.Model, data: mjx.Data, saltation: bool = False) -> mjx.Data:
-    """`mjx.forward`, differentiable: the accelerations and forces of a state, without integration."""
+def sensed(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """What follows from positions and velocities alone, sensors of both among it; forces are what they were."""
     require_jax(model, data)
     data = mjx.sensor_pos(model, mjx.fwd_position(model, data))
-    data = mjx.sensor_vel(model, _spring_back(model, mjx.fwd_velocity(model, data)))
+    return mjx.sensor_vel(model, _spring_back(model, mjx.fwd_velocity(model, data)))
+
+
+@mended()
+def forward(model: mjx.Model, data: mjx.Data, saltation: bool = False) -> mjx.Data:
+    """`mjx.forward`, differentiable: the accelerations and forces of a state, without integration."""
+    data = sensed(model, data)
     data = mjx.fwd_acceleration(model, mjx.fwd_actuation(model, data))
     rows, mass = read_rows(model, data), mjx.full_m(model, data)
     if rows.jacobian.size == 0:

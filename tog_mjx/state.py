@@ -12,6 +12,7 @@ from jaxtyping import Array
 
 from tog_mjx._mjx import make_data, mjx
 from tog_mjx.errors import InputError, require_kind
+from tog_mjx.randomised import require_one
 from tog_mjx.types import AnyArray
 
 MOVING = ("qpos", "qvel", "act")
@@ -28,7 +29,9 @@ def state_of(data: mjx.Data) -> dict[str, Array]:
 
 
 def require_state(model: mujoco.MjModel | mjx.Model, data: Any) -> None:
-    """Raises InputError for data that are of another model, as their sizes tell."""
+    """Raises InputError for data that are of another model, as their sizes tell, and for a batch of models."""
+    if isinstance(model, mjx.Model):
+        require_one(model)
     nq, nv, bodies = model.nq, model.nv, model.nbody
     sizes = {"qpos": (nq,), "qvel": (nv,), "act": (model.na,), "ctrl": (model.nu,), "xfrc_applied": (bodies, 6)}
     for name, shape in {**sizes, "mocap_pos": (model.nmocap, 3), "eq_active": (model.neq,)}.items():
