@@ -2,7 +2,8 @@
 
 import contextlib
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,8 +19,8 @@ from tog_mjx.checks.second_order import second_order as check_second_order
 from tog_mjx.checks.single import judge_single
 from tog_mjx.checks.zeros import zeros
 from tog_mjx.errors import InputError, require_kind
-from tog_mjx.types import Numbers
 from tog_mjx.user_code import call, real
+from tog_mjx.variables import variables
 
 DIRECTIONS = 6
 """Derivatives are taken in all variables up to so many, else along so many random directions."""
@@ -28,8 +29,8 @@ Function = Callable[[Float[Array, " n"]], Array]
 
 
 def check(
-    objective: Function,
-    x: Numbers,
+    objective: Callable[[Any], Array],
+    x: Any,
     *,
     estimators: bool = False,
     second_order: bool = False,
@@ -40,30 +41,27 @@ def check(
     It is run in the precision of JAX's x64 flag as it stands; float64 tells more.
 
     Args:
-      objective: a JAX function of an array [n]; its value is a number or an array [m].
-      x: the point, a vector [n].
+      objective: a JAX function of an array [n], or of a pytree; its value is a number or an array [m].
+      x: the point, a vector [n], or any pytree of arrays: all of them as floats. Of more numbers than DIRECTIONS the
+        verdict names the leaves, where there are no more than so many.
       estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of
         several values, to lower the one whose derivative is largest.
       second_order: check second derivatives too, of a fixed random sum of several values: what Newton's method uses.
       report: called with a check's name before it runs, and again with its finding.
 
     Raises:
-      InputError: for an x that is no vector of finite numbers, and a function that fails or returns no real ones.
+      InputError: for an x that holds what are no finite real numbers, and a function that fails or returns none.
     """
-    require_kind("the objective", objective, Callable, "give a function of an array")
-    try:
-        point = np.asarray(x if np.isrealobj(x) else None, float)
-    except (TypeError, ValueError):
-        raise InputError(f"x is of type {type(x).__name__}: give a vector of finite numbers") from None
-    if point.ndim != 1 or not point.size or not np.isfinite(point).all():
-        raise InputError(f"x has shape {point.shape}: give a vector of finite numbers")
+    require_kind("the objective", objective, Callable, "give a function of an array or a pytree")
+    given = variables(x)
+    point = given.point
     say: Report = report or (lambda *_: None)
     name = getattr(objective, "__name__", "the objective")
     scale = np.maximum(np.abs(point), 1.0)
-    directions, names = directions_at(scale, [f"x[{i}]" for i in range(point.size)])
+    directions, names = directions_at(scale, given.names if point.size <= DIRECTIONS else (), given.parts)
 
     def flat(x: Array) -> Array:
-        found = real(name, call(f"{name} fails", objective, x), "one number, or an array of them")
+        found = real(name, call(f"{name} fails", objective, given.restore(x)), "one number, or an array of them")
         if not found.size:
             raise InputError(f"{name} returns nothing: an array of shape {list(found.shape)}; give a number or more")
         return jnp.ravel(found)
@@ -108,14 +106,24 @@ def check(
     )
 
 
-def directions_at(scale: Float[np.ndarray, " n"], names: list[str]) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Directions [n, k], each as long as a large displacement, and their names."""
+def directions_at(
+    scale: Float[np.ndarray, " n"], names: Sequence[str], parts: Mapping[str, slice] | None = None
+) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Directions [n, k], each as long as a large displacement, and their names.
+
+    Of many variables they are random; where those have `parts`, few enough, the first directions are within one each.
+    """
     n = len(scale)
     if n <= DIRECTIONS:
         return np.diag(scale), tuple(names)
     random = np.random.default_rng(0).normal(size=(n, DIRECTIONS))
+    told = [f"random direction {i}" for i in range(DIRECTIONS)]
+    if parts and 1 < len(parts) <= DIRECTIONS:
+        for i, (part, inside) in enumerate(parts.items()):
+            random[: inside.start, i] = random[inside.stop :, i] = 0
+            told[i] = f"{part} along a random direction"
     units = random / np.linalg.norm(random, axis=0)
-    return scale[:, None] * units, tuple(f"random direction {i}" for i in range(DIRECTIONS))
+    return scale[:, None] * units, tuple(told)
 
 
 def forward(

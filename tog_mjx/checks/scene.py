@@ -83,7 +83,7 @@ def check_scene(
         if any(some.blocks for some in remarks):
             return Verdict(subject, tuple(findings))
         say("motion", None)
-        directions, names = directions_at(scene.scale, list(scene.variables))
+        directions, names = directions_at(scene.scale, scene.variables)
         try:
             simulation = Simulation(scene, directions)
             motion = simulation.run()
