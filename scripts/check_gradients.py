@@ -6,7 +6,6 @@ Any MJCF file that MJX can simulate. Exit status: 0 trust, 1 trust with care, 3 
 import argparse
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -17,7 +16,8 @@ from tog_mjx.checks.page import write_page
 from tog_mjx.checks.scene import check_scene
 from tog_mjx.checks.scene_function import load_cost
 from tog_mjx.checks.starts import keyframe_start, saved_start
-from tog_mjx.console import ArgumentParser, printable, run_main
+from tog_mjx.console import ArgumentParser, run_main
+from tog_mjx.errors import printable
 from tog_mjx.implicit import STEPS
 from tog_mjx.scene import compile_model, scene_path
 from tog_mjx.storage import atomic_write, check_writable
@@ -80,12 +80,12 @@ def parse_arguments() -> argparse.Namespace:
 
 
 def told(finding: Finding) -> Text:
-    """`str(finding)` in colours, without what a terminal would obey."""
-    clean = replace(finding, sentence=printable(finding.sentence), remedy=printable(finding.remedy))
-    text = Text(str(clean))
+    """`str(finding)` in colours."""
+    text = Text(str(finding))
+    _, _, remedy = text.plain.partition("\n")
     text.stylize(_COLOURS[finding.level], 0, 5)
     text.stylize("bold", 6, 6 + len(finding.check))
-    text.stylize("dim", len(text) - len(clean.remedy))
+    text.stylize("dim", len(text) - len(remedy))
     return text
 
 

@@ -20,8 +20,8 @@ from rich.status import Status
 from rich.table import Table
 
 from tog_mjx.checks.alone import COLUMNS, CRASHED, finish_file
-from tog_mjx.console import ArgumentParser, printable, run_main, within
-from tog_mjx.errors import MANY, InputError
+from tog_mjx.console import ArgumentParser, run_main, within
+from tog_mjx.errors import MANY, InputError, printable
 from tog_mjx.storage import atomic_write, check_writable
 
 

@@ -7,11 +7,13 @@ parameter of the model. Prints a table in Markdown.
 import jax
 from rich import box
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from tog_mjx.console import ArgumentParser, Work, run_main
+from tog_mjx.errors import printable
 from tog_mjx.scene import load_scene
-from tog_mjx.step_check import METHODS, ORDERS, Verdict, check_second_order, check_step
+from tog_mjx.step_check import METHODS, ORDERS, Verdict, check_second_order, check_step, require_joints
 
 WIDTH = 140
 
@@ -23,23 +25,26 @@ def main() -> None:
         "--second-order", action="store_true", help="errors of the Hessian of tog.step in state and controls instead"
     )
     args = parser.parse_args()
-    scenes = [load_scene(name) for name in args.scene]
+    scenes = {name: load_scene(name) for name in args.scene}
+    for name, scene in scenes.items():
+        require_joints(scene.model, name)
     progress, table = Work(Console(stderr=True)), Table(box=box.MARKDOWN)
     for column in ("scene", *(ORDERS if args.second_order else METHODS)):
         table.add_column(column, no_wrap=True)
     not_finite: set[str] = set()
     kinks: dict[str, tuple[str, ...]] = {}
     with jax.enable_x64():
-        for i, scene in enumerate(scenes, 1):
+        for i, scene in enumerate(scenes.values(), 1):
+            name = printable(scene.name)
             if args.second_order:
-                with progress.piece(f"[{i}/{len(scenes)}] {scene.name}", 1):
+                with progress.piece(f"[{i}/{len(scenes)}] {name}", 1):
                     errors = check_second_order(scene.model)
-                table.add_row(scene.name, *(f"{error:.0e}" for error in errors.values()))
+                table.add_row(escape(name), *(f"{error:.0e}" for error in errors.values()))
                 continue
-            with progress.piece(f"[{i}/{len(scenes)}] {scene.name}", len(METHODS)) as report:
+            with progress.piece(f"[{i}/{len(scenes)}] {name}", len(METHODS)) as report:
                 verdicts = check_step(scene.model, report=report)
-            table.add_row(scene.name, *map(told, verdicts.values()))
-            kinks[scene.name] = next((verdict.kinks for verdict in verdicts.values() if verdict.kinks), ())
+            table.add_row(escape(name), *map(told, verdicts.values()))
+            kinks[name] = next((verdict.kinks for verdict in verdicts.values() if verdict.kinks), ())
             not_finite |= {name for verdict in verdicts.values() for name in verdict.nan}
     Console(width=WIDTH, highlight=False).print(table)
     if not_finite:

@@ -62,7 +62,7 @@ def test_points_that_check_cannot_take(x):
     ("arguments", "options", "message"),
     [
         (("grasp",), {}, "the model is of type str; give the mujoco.MjModel"),
-        ((model,), {}, "the model is of type Model; give the mujoco.MjModel"),
+        ((model,), {}, r"the model is of type Model; give the mujoco.MjModel \(what mjx.put_model made it of\)"),
         ((arm, "start"), {}, "the start is of type str; give a mujoco.MjData"),
         ((arm, mujoco.MjData(ball)), {}, r"qpos of the data has the shape \[7\], and that of the model \[1\]"),
         ((arm,), {"steps": 1.5}, "steps is 1.5: give a whole number from 1 to"),

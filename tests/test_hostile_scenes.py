@@ -7,8 +7,13 @@ from pathlib import Path
 import mujoco
 import pytest
 
+from tog_mjx import step_check
+from tog_mjx.checks.finding import Finding, Level, Verdict
 from tog_mjx.checks.preflight import preflight
-from tog_mjx.console import enable_compilation_cache, printable, run_main
+from tog_mjx.console import enable_compilation_cache, run_main
+from tog_mjx.errors import printable
+from tog_mjx.step_check import METHODS
+from tog_mjx.step_check import Verdict as StepVerdict
 
 STATIC = "<mujoco><worldbody><geom name='{}' size='0.1'/></worldbody></mujoco>"
 
@@ -47,6 +52,26 @@ def test_names_do_not_reach_the_terminal_raw(run_script, tmp_path):
     assert printable("Größe 3 µm, [red]") == "Größe 3 µm, [red]"
 
 
+def test_a_verdict_tells_names_as_the_console_does():
+    name = "a\x1b[31m\nb"
+    verdict = Verdict(name, (Finding("preflight", Level.FAULT, f"geom {name}", None, f"rename {name}"),))
+    for told in (str(verdict), verdict.line, str(verdict.findings[0])):
+        assert r"a\x1b[31m\nb" in told
+        assert "\x1b" not in told
+    assert len(str(verdict).splitlines()) == 3
+    assert verdict.as_json()["findings"][0]["sentence"] == f"geom {name}"  # JSON has escapes of its own.
+
+
+def test_a_table_of_scenes_shows_their_names(run_script, tmp_path, monkeypatch):
+    scene = tmp_path / "[red]a\x1b.xml"
+    scene.write_text(STATIC.format("").replace("<geom", "<body><joint/><geom").replace("/></w", "/></body></w"))
+    monkeypatch.setattr(step_check, "check_step", lambda *_, **__: dict.fromkeys(METHODS, StepVerdict("right", 1e-9)))
+    status, said, told = run_script("check_step.py", scene)
+    assert status == 0
+    assert r"[red]a\x1b | right 1e-09" in said
+    assert told == "[1/1] [red]a\\x1b: compiling\n"
+
+
 def test_many_remarks_of_a_kind_are_told_as_one():
     joint = "<body pos='{0} 0 0'><joint name='spring{0}' type='slide' stiffness='1e9'/><geom size='0.1'/></body>"
     bodies = "".join(joint.format(i) for i in range(20))
@@ -60,7 +85,9 @@ def test_many_remarks_of_a_kind_are_told_as_one():
 def test_what_has_no_motion_has_no_derivative(run_script, tmp_path):
     scene = tmp_path / "scene.xml"
     scene.write_text(STATIC.format(""))
-    assert "the scene has no joints: nothing moves in it" in complaint(run_script, "check_step.py", scene)
+    told = complaint(run_script, "check_step.py", "flip", scene)
+    assert told.startswith(f"check_step.py: {scene} has no joints: nothing moves in it")
+    assert told.count("\n") == 1
 
 
 def test_absurd_depths_are_one_line(run_script, tmp_path):

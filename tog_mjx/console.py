@@ -20,7 +20,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from tog_mjx.devices import use_all_cores
-from tog_mjx.errors import InputError, near
+from tog_mjx.errors import InputError, near, printable
 from tog_mjx.quiet import without_warnings
 from tog_mjx.user_code import own_lines
 from tog_mjx.xla_flags import tune_compiler
@@ -42,11 +42,6 @@ class ArgumentParser(argparse.ArgumentParser):
         if found := re.search(r"invalid choice: '(.+)' \(choose from (.+)\)", message):
             message += near(found[1], re.findall(r"[^\s,']+", found[2]))
         self.exit(2, f"{self.prog}: {printable(message)} (see --help)\n")
-
-
-def printable(text: str) -> str:
-    """The text in one line, and nothing in it that a terminal obeys: names in a scene may hold anything."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def within(kind: Callable[[str], Any], low: int | float, high: int | float) -> Callable[[str], Any]:

@@ -1,4 +1,4 @@
-"""The one exception for bad input, and what is asked of arguments everywhere."""
+"""The one exception for bad input, what is asked of arguments everywhere, and how it is told."""
 
 import difflib
 import operator
@@ -40,3 +40,8 @@ def near(wrong: object, choices: Iterable[str]) -> str:
     """ "; did you mean ctrl?" where one of the choices is spelt nearly so; else nothing."""
     found = difflib.get_close_matches(str(wrong), list(choices), 1)
     return f"; did you mean {found[0]}?" if found else ""
+
+
+def printable(text: str) -> str:
+    """The text in one line, and nothing in it that a terminal obeys: names in a scene may hold anything."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -69,13 +69,18 @@ class StepFunction(NamedTuple):
     after: Callable[[Callable, Array], Array]
 
 
+def require_joints(model: mujoco.MjModel, what: str) -> None:
+    """Raises InputError, of `what`, for a model in which nothing moves."""
+    if not model.nv:
+        raise InputError(f"{what} has no joints: nothing moves in it, and there is no derivative to check")
+
+
 def step_function(model: mujoco.MjModel, iterations: int | None = None, parameters: bool = True) -> StepFunction:
     """The step of `model` at its `tog_mjx.state.default_start`; `iterations` replaces the solver's number.
 
     Without `parameters` it is one of the state and the controls alone.
     """
-    if not model.nv:
-        raise InputError("the scene has no joints: nothing moves in it, and there is no derivative to check")
+    require_joints(model, "the scene")
     mjx_model = put_model(model)
     if iterations is not None:
         mjx_model = mjx_model.replace(opt=mjx_model.opt.replace(iterations=iterations))

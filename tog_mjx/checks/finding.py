@@ -5,6 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from tog_mjx.errors import printable
+
 
 class Level(enum.IntEnum):
     """How much a finding weighs: nothing, read it before you rely on the gradient, do not rely on it."""
@@ -35,9 +37,10 @@ class Finding:
     curves: Mapping[str, Sequence[int | float]] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        """How much it weighs, the check, its sentence, and the remedy in a line of its own."""
-        remedy = f"\n      {self.remedy}" if self.remedy else ""
-        return f"{self.level.name.lower():<5} {self.check}: {self.sentence}{remedy}"
+        """How much it weighs, the check, its sentence, and the remedy in a line of its own; of a name in them nothing
+        that a terminal would obey."""
+        remedy = f"\n      {printable(self.remedy)}" if self.remedy else ""
+        return f"{self.level.name.lower():<5} {self.check}: {printable(self.sentence)}{remedy}"
 
     def as_json(self) -> dict[str, Any]:
         """Of numbers, text, lists and None alone: what is not finite is None."""
@@ -70,7 +73,7 @@ class Verdict:
 
     def __str__(self) -> str:
         """All findings and the verdict's line, as `scripts/check_gradients.py` prints them."""
-        return "\n".join([*map(str, self.findings), f"{self.subject}: {self.line}"])
+        return "\n".join([*map(str, self.findings), f"{printable(self.subject)}: {self.line}"])
 
     @property
     def level(self) -> Level:
@@ -96,7 +99,7 @@ class Verdict:
     def line(self) -> str:
         """The verdict in one line."""
         reason = self.reason
-        return self.word + (f": {reason.sentence}" if reason else ": no check found a fault")
+        return self.word + (f": {printable(reason.sentence)}" if reason else ": no check found a fault")
 
     def as_json(self) -> dict[str, Any]:
         return {

@@ -60,7 +60,8 @@ def check_scene(
       InputError: for arguments of a wrong kind, a start of another model, what is not in the scene, or a cost that
         fails or returns no number.
     """
-    require_kind("the model", model, mujoco.MjModel, "give the mujoco.MjModel (of a Scene its .model)")
+    remedy = "what mjx.put_model made it of" if isinstance(model, mjx.Model) else "of a Scene its .model"
+    require_kind("the model", model, mujoco.MjModel, f"give the mujoco.MjModel ({remedy})")
     require_time_step(model, "the model")
     if path is not None:
         require_kind("path", path, (str, Path), "give that of the MJCF file")
