@@ -36,12 +36,13 @@ class Status(enum.Enum):
 class Descent(NamedTuple):
     """The record of a run: costs [k + 1], setpoints [k + 1, n] and gradient estimates [k + 1, n] of iterates 0 to k.
 
+    Where what is varied is a pytree, these two are such pytrees, with the axis [k + 1] before those of each leaf.
     Every recorded cost is finite: the last iterate is the last good one. Seconds are wall time, compilation apart.
     """
 
     costs: np.ndarray
-    setpoints: np.ndarray
-    gradients: np.ndarray
+    setpoints: Any
+    gradients: Any
     status: Status
     seconds_compile: float
     seconds_run: float
@@ -57,14 +58,14 @@ class Descent(NamedTuple):
         return int(self.costs.argmin())
 
     @property
-    def setpoints_last(self) -> np.ndarray:
+    def setpoints_last(self) -> Any:
         """The last iterate [n], of cost `costs[-1]`."""
-        return self.setpoints[-1]
+        return jax.tree.map(lambda all_: all_[-1], self.setpoints)
 
     @property
-    def setpoints_best(self) -> np.ndarray:
+    def setpoints_best(self) -> Any:
         """The best iterate [n], of cost `costs.min()`."""
-        return self.setpoints[self.best_iteration]
+        return jax.tree.map(lambda all_: all_[self.best_iteration], self.setpoints)
 
 
 class _Loop(NamedTuple):

@@ -1,4 +1,4 @@
-"""The method to take for a task through contact: autodiff's gradients, Adam, and steps that fit the budget.
+"""The method to take for a problem through contact: autodiff's gradients, Adam, and steps that fit the budget.
 
 What the studies found (scripts/findings): autodiff's gradient leads somewhere useful almost everywhere, and what fails
 is the paper's plain step, which follows its length. A gradient through contact is 100 times steeper at a touch than on
@@ -15,62 +15,124 @@ Nothing here knows of a symmetry, or of the goal.
 
 from collections.abc import Callable
 from numbers import Real
+from typing import Any
 
 import jax.numpy as jnp
+import numpy as np
 import optax
+from jaxtyping import Array, Float
 
+from tog_mjx.checks.modes import REFUSED
 from tog_mjx.descent import Descent, descend
 from tog_mjx.errors import InputError, require_kind
 from tog_mjx.gradients import exact
 from tog_mjx.rollout import objective
 from tog_mjx.simulators import check_names, gradient_charge, precision
 from tog_mjx.tasks import Task, get_task
-from tog_mjx.types import Numbers, Scalar
+from tog_mjx.types import AnyArray, Scalar
+from tog_mjx.user_code import call, real
+from tog_mjx.variables import variables
+
+CHARGE = 4.0
+"""Evaluations of J that a gradient of any function counts as: what those of the simulators take."""
 
 
 def solve(
-    task: str | Task,
+    problem: str | Task | Callable[[Any], Scalar],
+    guess: Any = None,
+    *,
     budget: int | float = 1000,
-    simulator: str = "mjx",
-    guess: Numbers | None = None,
-    report: Callable[[int], None] | None = None,
+    reach: int | float | None = None,
+    simulator: str | None = None,
     differentiation: str | None = None,
+    report: Callable[[int], None] | None = None,
 ) -> Descent:
-    """Descends on the task's cost; take `setpoints_best` of the record.
+    """Descends on a function J, or on a task's cost; take `setpoints_best` of the record.
 
     Args:
-      task: "flip", "grasp" or a Task, with any number of knots.
-      budget: evaluations of J, of which a gradient takes `GRADIENT_CHARGE` of its simulator, or `SALTATION_CHARGE`.
-      simulator: "mjx", "penalty" or "released".
-      guess: initial setpoints [K * 2F] in m; the default is the task's.
+      problem: a JAX function J of a vector or a pytree, whose value is a number; it runs in the precision of JAX's x64
+        flag as it stands. Or "flip", "grasp" or a Task, with any number of knots.
+      guess: where to begin, a vector [n] or any pytree of arrays; in the record, setpoints and gradients are then such
+        pytrees, each leaf with an axis of iterates before its own. Of a task, initial setpoints [K * 2F] in m; the
+        default is the task's.
+      budget: evaluations of J, of which a gradient takes `CHARGE`; of a task `GRADIENT_CHARGE` of its simulator, or
+        `SALTATION_CHARGE`.
+      reach: how far the answer may lie from the guess, in the units of the variables: all updates together can move
+        each of them by twice as much. None: as far as a variable is from zero, and at least 1; of a task, the
+        longer side of its window.
+      simulator: of a task: "mjx" (if None), "penalty" or "released".
+      differentiation: of a task: which gradient to follow, an option of the simulator; None is its own, the derivative
+        between two jumps of the motion. That succeeds at least as often on both tasks, with any number of knots: on the
+        grasp with constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the jumps, in none,
+        since minima of the landscape lie in its way which the other does not see. That is an outcome, not a reason: an
+        error that helps here may hurt elsewhere. On the flip "saltation" often ends lower, and with 4 knots or more
+        both grasp. Where both can be afforded, try both, and keep the record of lower cost.
       report: called now and then with the number of gradients evaluated so far.
-      differentiation: which gradient to follow, an option of the simulator; None is its own, the derivative between two
-        jumps of the motion. That succeeds at least as often on both tasks, with any number of knots: on the grasp with
-        constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the jumps, in none, since minima
-        of the landscape lie in its way which the other does not see. That is an outcome, not a reason: an error that
-        helps here may hurt elsewhere. On the flip "saltation" often ends lower, and with 4 knots or more both grasp.
-        Where both can be afforded, try both, and keep the record of lower cost.
 
     Raises:
-      InputError: for an unknown name or differentiation, a budget below one gradient, or a guess of the wrong shape or
-        not finite.
+      InputError: for an unknown name or differentiation, a budget below one gradient, a guess of the wrong shape or
+        not finite, or a function that fails, or returns no number, or cannot be differentiated.
     """
-    task = get_task(task)
+    require_kind("budget", budget, Real, "give a number of evaluations of J")
+    if reach is not None:
+        require_kind("reach", reach, Real, "give a number, in the units of the variables")
+        if not 0 < reach < float("inf"):
+            raise InputError(f"reach is {reach}: give a positive number, in the units of the variables")
+    if callable(problem):
+        if simulator or differentiation:
+            raise InputError("simulator and differentiation are a task's; a function of your own has its own")
+        return _solve_function(problem, guess, budget, reach, report)
+    task = get_task(problem)
+    simulator = simulator or "mjx"
     options = {"differentiation": differentiation} if differentiation else {}
     check_names(simulator, options)
-    charge = gradient_charge(simulator, differentiation)
-    require_kind("budget", budget, Real, "give a number of evaluations of J")
-    if not charge <= budget < float("inf"):
-        raise InputError(f"budget is {budget}: one gradient of {simulator} takes {charge} evaluations; give more")
-    gradients = int(budget / charge)
+    gradients = _gradients(budget, gradient_charge(simulator, differentiation), simulator)
     with precision(simulator):
         return descend(
             exact(objective(task, simulator, **options)),
             task.initial_guess if guess is None else guess,
-            rule=update_rule(step_size(task, gradients)),
+            rule=update_rule(step_size(task, gradients) if reach is None else 2 * reach / gradients),
             iterations=gradients - 1,
             report=report,
         )
+
+
+def _solve_function(
+    function: Callable[[Any], Scalar],
+    guess: Any,
+    budget: int | float,
+    reach: int | float | None,
+    report: Callable | None,
+) -> Descent:
+    if guess is None:
+        raise InputError("a function has no guess of its own; give one, a vector or a pytree")
+    name, given = getattr(function, "__name__", "the objective"), variables(guess, "the guess")
+    gradients = _gradients(budget, CHARGE, name)
+    far = np.maximum(np.abs(given.point), 1.0) if reach is None else reach
+
+    def number(u: Float[Array, " n"]) -> Float[Array, ""]:
+        found = real(name, call(f"{name} fails", function, given.restore(u)), "one number")
+        if found.size != 1:
+            raise InputError(f"{name} returns an array of shape {list(found.shape)}; give one number")
+        return found.reshape(())
+
+    try:
+        rule = update_rule(2 * far / gradients)
+        found = descend(exact(number), given.point, rule=rule, iterations=gradients - 1, report=report)
+    except ValueError as error:
+        if REFUSED not in str(error):
+            raise
+        told = f"{name} cannot be differentiated in reverse mode: there is a loop of unknown length in it"
+        raise InputError(f"{told}; use jax.lax.scan, and tog.step in place of mjx.step") from error
+    setpoints, slopes = given.restore(found.setpoints), given.restore(found.gradients)
+    return found._replace(setpoints=setpoints, gradients=slopes)
+
+
+def _gradients(budget: int | float, charge: float, whose: str) -> int:
+    """How many the budget pays for."""
+    if not charge <= budget < float("inf"):
+        raise InputError(f"budget is {budget}: one gradient of {whose} takes {charge} evaluations; give more")
+    return int(budget / charge)
 
 
 def step_size(task: Task, updates: int) -> float:
@@ -78,6 +140,6 @@ def step_size(task: Task, updates: int) -> float:
     return 2 * max(high - low for low, high in task.window) / updates
 
 
-def update_rule(step: Scalar | float) -> optax.GradientTransformation:
-    """Adam with a memory of about 20 updates."""
+def update_rule(step: Float[AnyArray, "..."] | float) -> optax.GradientTransformation:
+    """Adam with a memory of about 20 updates; `step` is one number, or one for each variable."""
     return optax.adam(jnp.asarray(step), b1=0.9, b2=0.95)
