@@ -12,10 +12,11 @@ from rich.console import Console
 from rich.text import Text
 
 from tog_mjx.checks.finding import Finding, Level, Verdict
+from tog_mjx.checks.outputs import load_cost
 from tog_mjx.checks.page import write_page
 from tog_mjx.checks.scene import check_scene
-from tog_mjx.checks.scene_function import load_cost
 from tog_mjx.checks.starts import keyframe_start, saved_start
+from tog_mjx.checks.variables import OF_DATA
 from tog_mjx.console import ArgumentParser, run_main
 from tog_mjx.errors import printable
 from tog_mjx.implicit import STEPS
@@ -65,8 +66,8 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("scene", help="an MJCF file, or flip or grasp")
     parser.add_argument("--steps", type=int, default=100, metavar="N", help="time steps (default: %(default)s)")
     default = "default: ctrl; of a scene without actuators, qvel"
-    parser.add_argument("--wrt", help=f"ctrl, qpos, qvel or a field of mjx.Model ({default})")
-    parser.add_argument("--output", default="qpos", help="qpos, qvel, or the name of a site (default: %(default)s)")
+    parser.add_argument("--wrt", help=f"{', '.join(OF_DATA)} or a field of mjx.Model ({default})")
+    parser.add_argument("--output", default="qpos", help="qpos, qvel, acc, a site or a sensor (default: %(default)s)")
     parser.add_argument("--cost", metavar="PACKAGE.MODULE:FUNCTION", help="of the last mjx.Data; in place of --output")
     parser.add_argument("--differentiation", choices=list(STEPS), default="implicit", help="default: %(default)s")
     begin = parser.add_mutually_exclusive_group()

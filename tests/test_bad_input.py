@@ -72,7 +72,7 @@ def test_points_that_check_cannot_take(x):
         ((arm,), {"wrt": 3}, "wrt is of type int"),
         ((arm,), {"wrt": "ctlr"}, r"'ctlr' is none of .*did you mean ctrl\?"),
         ((arm,), {"wrt": "geom_friction[0, 0"}, r"'geom_friction\[0, 0': geom_friction has the shape \[1, 3\]"),
-        ((arm,), {"output": "griper"}, r"no site named griper.*did you mean gripper\?"),
+        ((arm,), {"output": "griper"}, r"no site or sensor named griper.*did you mean gripper\?"),
         ((arm,), {"output": 3}, "output is of type int"),
         ((arm,), {"path": 3}, "path is of type int"),
         ((backwards,), {}, "<option timestep> is -0.002; give a positive number of seconds"),

@@ -228,7 +228,7 @@ def test_bad_input_is_one_line(run_script, tmp_path):
     scene = GALLERY / "smooth_arm.xml"
     for arguments, words in (
         ((scene, "--wrt", "wings"), "'wings' is none of ctrl, qpos, qvel"),
-        ((scene, "--output", "wings"), "no site named wings"),
+        ((scene, "--output", "wings"), "no site or sensor named wings"),
         ((scene, "--steps", "0"), "steps is 0: give a whole number from 1 to 10000000"),
         ((scene, "--cost", "json:nothing"), "cannot be imported"),
         ((scene, "--state", tmp_path / "none.npz"), "cannot be read"),

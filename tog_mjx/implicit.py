@@ -105,9 +105,15 @@ def _checkpointed(forward: Callable[[mjx.Model, mjx.Data], mjx.Data]) -> Step:
     )
 
 
+FORWARDS: dict[str, Step] = {
+    "implicit": forward,
+    "saltation": functools.partial(forward, saltation=True),
+    "native": mjx.forward,
+}
+"""The accelerations and forces of a state, without integration, by how they are differentiated: see `step`."""
 STEPS: dict[str, Step] = {
-    "implicit": _checkpointed(forward),
-    "saltation": _checkpointed(functools.partial(forward, saltation=True)),
+    "implicit": _checkpointed(FORWARDS["implicit"]),
+    "saltation": _checkpointed(FORWARDS["saltation"]),
     "native": mjx.step,
 }
 """How a step is differentiated, by name: see `step`."""

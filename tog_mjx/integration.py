@@ -47,15 +47,15 @@ def positions_after(model: mjx.Model, qpos: Float[Array, " nq"], change: Float[A
     pieces = []
     for kind, q, v in zip(model.jnt_type, model.jnt_qposadr, model.jnt_dofadr, strict=True):
         if kind == mjx.JointType.FREE:
-            pieces += [qpos[q : q + 3] + change[v : v + 3], _rotate(qpos[q + 3 : q + 7], change[v + 3 : v + 6])]
+            pieces += [qpos[q : q + 3] + change[v : v + 3], rotated(qpos[q + 3 : q + 7], change[v + 3 : v + 6])]
         elif kind == mjx.JointType.BALL:
-            pieces.append(_rotate(qpos[q : q + 4], change[v : v + 3]))
+            pieces.append(rotated(qpos[q : q + 4], change[v : v + 3]))
         else:
             pieces.append(qpos[q : q + 1] + change[v : v + 1])
     return jnp.concatenate(pieces) if pieces else qpos
 
 
-def _rotate(quaternion: Float[Array, "4"], angle: Float[Array, "3"]) -> Float[Array, "4"]:
+def rotated(quaternion: Float[Array, "4"], angle: Float[Array, "3"]) -> Float[Array, "4"]:
     """A quaternion (w, x, y, z), turned by a rotation vector in its own frame and normalised."""
     cos, sinc = cos_sinc(angle @ angle / 4)
     turn = jnp.concatenate([cos[None], sinc * angle / 2])

@@ -12,8 +12,8 @@ import numpy as np
 from tog_mjx.checks import parameters, spoilers
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.lines import Lines
-from tog_mjx.checks.scene_function import variables_of
 from tog_mjx.checks.spoilers import Question, Spoiler
+from tog_mjx.checks.variables import Variables
 from tog_mjx.quiet import without_warnings
 from tog_mjx.state import copy_of, default_start
 from tog_mjx.supported import Culprit, ignored, name_of, unsupported
@@ -83,8 +83,9 @@ def preflight(
     remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, left_out)]
     if not any(remark.blocks for remark in remarks):
         with without_warnings():
-            variables = variables_of(model, wrt) if wrt else ("", np.zeros(0, bool))
-            question = Question(model, _state(model, data), *variables, differentiation)
+            x = Variables(model, wrt) if wrt else None
+            array, chosen = (x.array, x.mask) if x else ("", np.zeros(0, bool))
+            question = Question(model, _state(model, data), array, chosen, differentiation)
             remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, _spoilers(question))]
     return sorted(remarks, key=lambda remark: (-remark.blocks, -remark.level))
 

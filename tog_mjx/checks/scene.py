@@ -18,11 +18,13 @@ from tog_mjx.checks.function import directions_at
 from tog_mjx.checks.jumps import Jumps, find_jumps, judge_jumps, lacks
 from tog_mjx.checks.modes import differentiation, reverse
 from tog_mjx.checks.motion import Motion, Simulation
+from tog_mjx.checks.outputs import Cost
 from tog_mjx.checks.parity import parity
 from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.scene_function import Cost, SceneFunction, default_wrt
+from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.touch_down import touch_down
+from tog_mjx.checks.variables import default_wrt
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
 from tog_mjx.checks.zeros import zeros
 from tog_mjx.errors import InputError, require_kind
@@ -49,8 +51,10 @@ def check_scene(
     Args:
       model: any. Of one that MJX cannot simulate the verdict says why not.
       start: the state, and the controls held; `tog_mjx.state.default_start` if None. It is left as it is.
-      steps, output, differentiation: see `SceneFunction`.
-      wrt: see `SceneFunction`; if None the controls, or the velocities of a scene without actuators.
+      steps, differentiation: see `SceneFunction`.
+      output: see `tog_mjx.checks.outputs.Outputs`.
+      wrt: see `tog_mjx.checks.variables.Variables`; if None the controls, or the velocities of a scene without
+        actuators.
       path: the file that the model was read from: the preflight then names its lines.
       quick: leaves out what compiles the motion again: other modes, float32 and the cost.
       estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of

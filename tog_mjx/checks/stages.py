@@ -127,7 +127,7 @@ def growth(simulation: Simulation, motion: Motion) -> Finding:
             f"a change of the initial positions dies out: it falls below {1 / GREAT:.0e} of itself in step {faded[0]}, "
             "the longest horizon worth differentiating in the initial state"
         )
-        is_asked = simulation.scene.wrt.partition("[")[0] in ("qpos", "qvel")
+        is_asked = simulation.scene.x.array in ("qpos", "qvel")
         remedy = f"differentiate no more than {faded[0]} steps in the initial state; later ones do not feel it"
         level = Level.CARE if is_asked else Level.FINE
         return Finding("growth", level, sentence, last, remedy * is_asked, curves)

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.checks.motion import Motion, Simulation
-from tog_mjx.checks.scene_function import attribute
-from tog_mjx.state import STATE, copy_of, state_of
+from tog_mjx.checks.variables import OF_DATA
+from tog_mjx.fields import attribute
+from tog_mjx.state import INPUTS, STATE, copy_of, state_of
 from tog_mjx.supported import name_of
 
 NOTHING = 1e-9
@@ -48,10 +49,10 @@ class _Side:
     def __init__(self, simulation: Simulation, x: np.ndarray):
         self.simulation = simulation
         self.model, data = simulation.scene.place(simulation.model, simulation.data, jnp.asarray(x))
-        self.start = {**state_of(data), "ctrl": data.ctrl}
+        self.inputs = {name: np.asarray(getattr(data, name)) for name in INPUTS}
+        self.start = {**state_of(data), **self.inputs}
         self.c_model = copy.copy(simulation.scene.model)
-        name = simulation.scene.wrt.partition("[")[0]
-        if name not in ("ctrl", "qpos", "qvel"):
+        if (name := simulation.scene.x.array) not in OF_DATA:
             attribute(self.c_model, name)[...] = np.asarray(attribute(self.model, name))
 
     def run(self, steps: int, motion: Motion | None = None, sample: int = 0) -> Motion:
@@ -67,7 +68,7 @@ class _Side:
             " and ".join(f"geom {name_of(model, 'geom', geom)}" for geom in pair)
             for pair in one.geoms[one.distance < 0].tolist()
         ]
-        data = copy_of(model, self.simulation.scene.start, **state)
+        data = copy_of(model, self.simulation.scene.start, **self.inputs, **state)
         mujoco.mj_fwdPosition(model, data)
         for row, i in zip(data.efc_type.tolist(), data.efc_id.tolist(), strict=True):
             if kind := _LIMITS.get(row):
