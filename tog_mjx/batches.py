@@ -88,7 +88,7 @@ def map_kept(
 
 
 def chunk_size(number: int, chunk: int) -> int:
-    """Points in each of the fewest equal chunks of so many points, with at most `chunk` on a core or `ON_GPU` as many."""
+    """Points in each of the fewest equal chunks of so many, with at most `chunk` on a core, or `ON_GPU` as many."""
     devices = jax.device_count()
     most = chunk * devices * (1 if jax.default_backend() == "cpu" else ON_GPU)
     chunks = -(-number // most)
