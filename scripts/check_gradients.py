@@ -3,6 +3,12 @@
 Any MJCF file that MJX can simulate. Exit status: 0 trust, 1 trust with care, 3 do not trust, 2 for bad input.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import argparse
 import json
 import sys
@@ -53,11 +59,11 @@ def main() -> None:
             estimators=args.estimators,
             report=report,
         )
+    print(printable(f"{path.stem}: {verdict.subject}: {verdict.line}"), flush=True)  # Writing may fail.
     if args.json:
         write_json(args.json, verdict)
     if args.html:
         write_page(args.html, path.stem, verdict)
-    print(printable(f"{path.stem}: {verdict.subject}: {verdict.line}"))
     sys.exit(verdict.exit_status)
 
 

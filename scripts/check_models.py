@@ -4,6 +4,12 @@ Of a folder every file under it that is an MJCF model of its own. Leaves models.
 for each model; the same command continues where it was ended. Exit status 1 if the check of a model crashed.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import csv
 import io
 import os
@@ -20,7 +26,7 @@ from rich.status import Status
 from rich.table import Table
 
 from tog_mjx.checks.alone import COLUMNS, CRASHED, finish_file
-from tog_mjx.console import ArgumentParser, run_main, within
+from tog_mjx.console import CONTINUES, ArgumentParser, run_main, within
 from tog_mjx.errors import MANY, InputError, printable
 from tog_mjx.storage import atomic_write, check_writable
 
@@ -43,8 +49,8 @@ def main() -> None:
             found = finish_file(file, args.out / "models", args.steps, args.quick, args.limit, report)
         console.print(f"{start}{found['verdict']}, {found['seconds']:.0f} s", markup=False)
         rows.append({"model": name, **{column: found[column] for column in COLUMNS}})
-    write_csv(args.out / "models.csv", rows)
     Console(width=None if Console().is_terminal else 160, highlight=False).print(printed(rows))
+    write_csv(args.out / "models.csv", rows)
     sys.exit(int(any(row["verdict"] == CRASHED for row in rows)))
 
 
@@ -108,4 +114,4 @@ def printed(rows: list[dict[str, Any]]) -> Table:
 
 
 if __name__ == "__main__":
-    run_main(main)
+    run_main(main, CONTINUES)

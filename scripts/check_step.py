@@ -4,6 +4,12 @@ The state is that of the scene's first keyframe, or its initial pose. The deriva
 parameter of the model. Prints a table in Markdown.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import jax
 from rich import box
 from rich.console import Console

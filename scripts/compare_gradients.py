@@ -4,6 +4,12 @@ Prints a table for each task, and draws the landscapes of MJX and of the penalty
 finished piece is read, not repeated.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 from pathlib import Path
 
 from rich import box
@@ -43,10 +49,10 @@ def main() -> None:
         name = f"[{i}/{len(pieces)}] {piece.task}: {piece.method}"
         found[piece] = obtain(piece, name, args.out, args.force, console)
     entries = [agreement.summarise(piece, found[piece], reference_of(piece, found, REFERENCE)) for piece in pieces]
-    save_json(args.out / "summary.json", entries)
     for task in tasks:
         show(table_of(task, entries), console)
         show(cross_check(task, found), console)
+    save_json(args.out / "summary.json", entries)
     if args.optimum:
         show(optima(tasks), console)
     written = [draw(task, found, args.out, console) for task in tasks]
@@ -183,4 +189,4 @@ def draw(task: str, found: dict[Piece, Gradients], out: Path, console: Console) 
 
 
 if __name__ == "__main__":
-    run_main(main)
+    run_main(main, "what was finished is kept, the same command continues unless it has --force")

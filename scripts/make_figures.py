@@ -4,13 +4,19 @@ Descents and landscapes that the folder keeps are read, the others are computed 
 reproduce_paper.py.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 from pathlib import Path
 
 from rich.console import Console
 
 from tog_mjx import comparison, gallery
 from tog_mjx.comparison import METHODS
-from tog_mjx.console import GRID_MOST, SEEDS, ArgumentParser, run_main, within
+from tog_mjx.console import CONTINUES, GRID_MOST, SEEDS, ArgumentParser, run_main, within
 from tog_mjx.errors import MANY
 from tog_mjx.execution import finish_landscape, finish_runs
 from tog_mjx.simulators import SIMULATORS
@@ -58,4 +64,4 @@ def parse_arguments():
 
 
 if __name__ == "__main__":
-    run_main(main)
+    run_main(main, CONTINUES)

@@ -5,6 +5,12 @@ table.csv (one row a run, or a point of one), summary.csv (one row a group, with
 its runs are a random sample) and, of a study that has one, its figure.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import io
 from pathlib import Path
 
@@ -29,11 +35,11 @@ def main() -> None:
         study, folder = STUDIES[name], args.out / (f"{name}_quick" if args.quick else name)
         table = study.run(args.quick, store, Work(console).piece)
         found = study.summary(table)
+        console.print(printed(f"{name}: {study.question}", found))
         write_csv(folder / "table.csv", table)
         write_csv(folder / "summary.csv", found)
         if isinstance(study, Drawn):
             save_figure(study.draw(args.quick, store, table), folder / f"{name}.png")
-        console.print(printed(f"{name}: {study.question}", found))
 
 
 def parse_arguments():
@@ -62,4 +68,4 @@ def printed(title: str, found: pd.DataFrame) -> Table:
 
 
 if __name__ == "__main__":
-    run_main(main)
+    run_main(main, "what was finished is kept, with --resume the same command continues")

@@ -22,7 +22,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
-from tog_mjx.console import enable_compilation_cache, run_main
+from tog_mjx import console
+from tog_mjx.console import enable_compilation_cache
 from tog_mjx.rollout import Trajectory, final_cost, trajectory
 from tog_mjx.simulators import Simulator
 from tog_mjx.tasks import Task, get_task
@@ -100,11 +101,15 @@ def run_script() -> Callable[..., tuple[int, str, str]]:
         said, complaint, status = io.StringIO(), io.StringIO(), 0
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(sys, "argv", [str(path), *map(str, arguments)])
+            patch.setattr(console, "_leave", sys.exit)  # This process goes on.
+            before = signal.getsignal(signal.SIGINT)
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(complaint):
                 try:
-                    run_main(runpy.run_path(str(path))["main"])
+                    runpy.run_path(str(path), run_name="__main__")
                 except SystemExit as end:
                     status = int(end.code or 0)
+                finally:
+                    signal.signal(signal.SIGINT, before)
         return status, said.getvalue(), complaint.getvalue()
 
     return run

@@ -1,5 +1,6 @@
 """Files are written whole or not at all, and damage is found."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -61,6 +62,18 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path):
     with pytest.raises(RuntimeError):
         interrupted()
     assert path.read_bytes() == b"old"
+
+
+def test_what_a_killed_program_left_unfinished_is_removed_when_it_is_old(tmp_path):
+    old, recent, other = (
+        tmp_path / name for name in (".a.npz.abcd1234.partial", ".b.npz.abcd1234.partial", "c.partial")
+    )
+    for path in (old, recent, other):
+        path.write_bytes(b"half")
+    for path in (old, other):
+        os.utime(path, (0, 0))
+    save_json(tmp_path / "x.json", [])
+    assert {path.name for path in tmp_path.iterdir()} == {recent.name, other.name, "x.json"}
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path):

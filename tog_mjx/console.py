@@ -21,6 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from tog_mjx.devices import use_all_cores
 from tog_mjx.errors import InputError, near, printable
+from tog_mjx.interruption import Terminated, interruptible
 from tog_mjx.quiet import without_warnings
 from tog_mjx.user_code import own_lines
 from tog_mjx.xla_flags import tune_compiler
@@ -32,6 +33,8 @@ SEEDS = 2**32 - 1
 """The largest seed: in float32 JAX would cut off what is beyond."""
 GRID_MOST = 3000
 """Points of a landscape along each axis."""
+CONTINUES = "what was finished is kept, the same command continues"
+"""What most of those say that keep something when they are interrupted."""
 _SECONDS_BETWEEN_LINES = 10
 
 
@@ -57,32 +60,47 @@ def within(kind: Callable[[str], Any], low: int | float, high: int | float) -> C
     return number
 
 
-def run_main(main: Callable[[], None]) -> None:
-    """Runs a script: bad input ends it with one line and status 2, Ctrl-C with one line and status 130.
+def run_main(main: Callable[[], None], continues: str = "") -> None:
+    """Runs a script: bad input ends it with one line and status 2, Ctrl-C with one and 130, SIGTERM with one and 143.
 
-    Where a user's own code has failed, its lines stand before that line.
+    Where a user's own code has failed, its lines stand before that line. `continues` tells after an interruption what
+    is kept, and how to go on.
     """
     name = Path(sys.argv[0]).name
-    try:
-        enable_compilation_cache()
-        use_all_cores()
-        tune_compiler()
-        # Tracing a step of MJX makes many objects and little garbage: a fifth of its time went into looking for some.
-        gc.set_threshold(100_000)
-        for stream in (sys.stdout, sys.stderr):
-            if isinstance(stream, io.TextIOWrapper):  # A name of a file need be no text in the terminal's encoding.
-                stream.reconfigure(errors="backslashreplace")
-        with without_warnings(), warnings.catch_warnings():
-            if not sys.warnoptions:  # Libraries' own; what matters of it the checks tell.
-                warnings.filterwarnings("ignore", category=RuntimeWarning)
-                warnings.filterwarnings("ignore", module="matplotlib|jax")
-            main()
-    except InputError as error:
-        print(f"{own_lines(error.__cause__)}{name}: {printable(str(error))}", file=sys.stderr)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        print(f"{name}: interrupted; what was finished is kept, the same command continues", file=sys.stderr)
-        sys.exit(130)
+    with interruptible():
+        try:
+            _prepare()
+            with without_warnings(), warnings.catch_warnings():
+                if not sys.warnoptions:  # Libraries' own; what matters of it the checks tell.
+                    warnings.filterwarnings("ignore", category=RuntimeWarning)
+                    warnings.filterwarnings("ignore", module="matplotlib|jax")
+                main()
+        except InputError as error:
+            print(f"{own_lines(error.__cause__)}{name}: {printable(str(error))}", file=sys.stderr)
+            sys.exit(2)
+        except KeyboardInterrupt as end:
+            word, status = ("terminated", 143) if isinstance(end, Terminated) else ("interrupted", 130)
+            print(f"{name}: {word}{continues and '; '}{continues}", file=sys.stderr)
+            _leave(status)
+
+
+def _prepare() -> None:
+    enable_compilation_cache()
+    use_all_cores()
+    tune_compiler()
+    # Tracing a step of MJX makes many objects and little garbage: a fifth of its time went into looking for some.
+    gc.set_threshold(100_000)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # A name of a file need be no text in the terminal's encoding.
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _leave(status: int) -> NoReturn:
+    """Ends the program at once: XLA may be computing still, and crashes when Python is taken down under it."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
 
 
 def enable_compilation_cache() -> None:

@@ -6,9 +6,11 @@ CRC-32 that the zip format keeps of every member is checked on reading.
 
 import contextlib
 import errno
+import functools
 import json
 import os
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
@@ -18,6 +20,8 @@ import numpy as np
 from tog_mjx.errors import InputError
 
 _ATTRIBUTES = "attributes"
+_LONG_AGO = 3600
+"""Seconds after which nobody writes on an unfinished file any more."""
 
 
 class DamagedFileError(Exception):
@@ -34,6 +38,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     partial: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        _sweep(path.parent.resolve())
         # A name of its own, so that two programs that write the same file do not mix: the last one wins, whole.
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent)
         partial = Path(name)
@@ -49,6 +54,15 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
     finally:
         if partial is not None:
             partial.unlink(missing_ok=True)
+
+
+@functools.cache
+def _sweep(folder: Path) -> None:
+    """Once in a process: removes what killed programs have left of files that they were writing."""
+    for left in folder.glob(".*.????????.partial"):
+        with contextlib.suppress(OSError):  # Another program may do the same.
+            if time.time() - left.stat().st_mtime > _LONG_AGO:
+                left.unlink()
 
 
 def check_writable(*paths: Path, inputs: Sequence[Path] = ()) -> None:

@@ -4,6 +4,12 @@ The grasp on `penalty`, the same 100 guesses 3 cm off, population and budget; si
 other guesses and by the same rule. Needs `pip install cma`. Prints one row an implementation.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import jax
 import numpy as np
 import pandas as pd

@@ -5,6 +5,12 @@ against that of J smoothed by normal perturbations: at random setpoints (`touch.
 (`touch_flip.png`, `touch_grasp.png`). Takes a few minutes on two cores; `--figures` makes the figures alone.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path

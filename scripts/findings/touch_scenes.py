@@ -6,6 +6,12 @@ landscape's derivative with weights 1 - (x / half)^2, so the gradients are avera
 `touch_scenes.csv`; takes a quarter of an hour on one core, most of it to compile.
 """
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import tomllib
 from argparse import ArgumentParser
 from collections.abc import Callable

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -63,11 +64,12 @@ def finish_file(
     with tempfile.TemporaryFile("w+") as complaints:
         began = time.monotonic()
         arguments = [str(path), str(result), str(steps), str(int(quick))]
-        process = subprocess.Popen([sys.executable, *_PROGRAM, *arguments], stdout=complaints, stderr=complaints)
-        try:
-            status, peak = _wait(process, 60 * limit, lambda: report(_read(result).get("running", "start")))
-        finally:
-            process.kill()
+        command = [sys.executable, *_PROGRAM, *arguments]
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=complaints, stderr=complaints) as process:
+            try:
+                status, peak = _wait(process, 60 * limit, lambda: report(_read(result).get("running", "start")))
+            finally:
+                process.kill()
         complaints.seek(0)
         lines = complaints.read().strip().splitlines()
     found = {**dict.fromkeys(COLUMNS), **_read(result)}
@@ -156,7 +158,18 @@ def _check(path: Path, result: Path, steps: int, quick: bool) -> None:
     save_json(result, found)
 
 
+def _end_with_parent() -> None:
+    """Ends this process as soon as its standard input is closed, as it is when the parent is killed."""
+
+    def watch() -> None:
+        os.read(0, 1)  # Not `sys.stdin`: Python would not end while a thread holds it.
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def _main() -> None:
+    _end_with_parent()
     path, result, steps, quick = sys.argv[1:]
     _check(Path(path), Path(result), int(steps), quick == "1")
 
