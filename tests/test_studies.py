@@ -14,7 +14,7 @@ from tog_mjx.comparison import compute as compute_run
 from tog_mjx.figures.profiles import draw_profiles
 from tog_mjx.landscape import grid as window_grid
 from tog_mjx.rollout import objective
-from tog_mjx.storage import load_result
+from tog_mjx.storage import load_result, save_result
 from tog_mjx.studies import catalogue
 from tog_mjx.studies.catalogue import candidates, chosen
 from tog_mjx.studies.cell import Cell, Found, compute, updates_within
@@ -178,6 +178,18 @@ def test_a_damaged_cell_is_computed_again_and_a_whole_one_is_not(tmp_path, table
     np.testing.assert_array_equal(Store(tmp_path, resume=True).finish(table_1).costs, found.costs)
     assert path.stat().st_mtime_ns != made
     assert path.read_bytes() != bytes(damaged)
+
+
+def test_a_kept_cell_that_is_not_the_cells_is_computed_again(tmp_path, table_1):
+    found = Store(tmp_path, resume=False).finish(table_1)
+    (path,) = tmp_path.iterdir()
+    whole = found._asdict()
+    for name, other in (("costs", found.costs[:, :-1]), ("best", found.best * 1j), ("tried", None)):
+        save_result(path, {key: value for key, value in {**whole, name: other}.items() if value is not None}, {})
+        again = Store(tmp_path, resume=True).finish(table_1)
+        for key, value in whole.items():
+            np.testing.assert_array_equal(getattr(again, key), value)
+        np.testing.assert_array_equal(load_result(path)[0]["costs"], found.costs)
 
 
 def test_quick_seeds_show_what_the_paper_says(run_script, tmp_path):

@@ -103,7 +103,8 @@ class Asymmetry:
             for rule, (method, step, number) in rules.items():
                 with piece(f"grasp penalty, {rule}", number) as report:
                     make = functools.partial(traces, J, method, step, 0.0, guesses, number)
-                    found = store.finish_part(f"asymmetry_{rule}", settings, make)
+                    shapes = {"costs": (len(guesses), number + 1), "iterates": (len(guesses), number + 1, 4)}
+                    found = store.finish_part(f"asymmetry_{rule}", settings, make, shapes)
                     report(number)
                 table = _rows(members, **found).assign(rule=rule)
                 if rule == "plain":

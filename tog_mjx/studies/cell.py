@@ -79,6 +79,14 @@ class Cell:
         method = METHODS[self.method]
         return float(draws * method.charge(variables, gradient_charge(self.simulator, method.differentiation)))
 
+    @property
+    def shapes(self) -> dict[str, tuple[int | None, ...]]:
+        """Of what is found, by name."""
+        members = len(self.members)
+        points = (members, get_task(self.task, knots=self.knots).initial_guess.size)
+        iterates = dict.fromkeys(("first", "best", "last"), points)
+        return {"costs": (members, self.updates), **iterates, "tried": (members, len(self.tested), _TRIES)}
+
     def settings(self) -> dict[str, Any]:
         """All that the result depends on."""
         return {**dataclasses.asdict(self), **made_with(get_task(self.task), __name__)}

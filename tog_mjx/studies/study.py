@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 from tog_mjx.figures.bands import draw_bands
-from tog_mjx.storage import DamagedFileError, load_result, save_result
+from tog_mjx.storage import DamagedFileError, load_result, of_shapes, save_result
 from tog_mjx.studies.cell import SUCCESS, Cell, Found, compute
 
 
@@ -38,13 +38,23 @@ class Store:
         return self.folder / (re.sub(r"\W+", "-", name) + f"_{digest}.npz")
 
     def finish_part(
-        self, name: str, settings: Mapping[str, Any], make: Callable[[], Mapping[str, np.ndarray]]
+        self,
+        name: str,
+        settings: Mapping[str, Any],
+        make: Callable[[], Mapping[str, np.ndarray]],
+        shapes: Mapping[str, tuple[int | None, ...]] | None = None,
     ) -> dict[str, np.ndarray]:
-        """Arrays by name: read, or made and kept. `settings` are JSON-able: all that the arrays depend on."""
+        """Arrays by name: read, or made and kept. `settings` are JSON-able: all that the arrays depend on.
+
+        What is kept but has not the arrays of `shapes` (None in one is any length) is damaged too.
+        """
         path = self.path(name, settings)
         if self.resume or path in self._computed:
             with contextlib.suppress(FileNotFoundError, DamagedFileError):
-                return load_result(path)[0]
+                arrays = load_result(path)[0]
+                if shapes is None:
+                    return arrays
+                return dict(zip(shapes, of_shapes(path, arrays, **shapes), strict=True))
         arrays = dict(make())
         save_result(path, arrays, {"settings": settings})
         self._computed.add(path)
@@ -62,7 +72,8 @@ class Store:
     def finish(self, cell: Cell, report: Callable[[int], None] = lambda _: None) -> Found:
         """The cell's result: read, or computed and kept."""
         name = f"{cell.task}_{cell.simulator}_{cell.method}"
-        return Found(**self.finish_part(name, cell.settings(), lambda: compute(cell, report)._asdict()))
+        make = lambda: compute(cell, report)._asdict()  # noqa: E731
+        return Found(**self.finish_part(name, cell.settings(), make, cell.shapes))
 
 
 class Study(Protocol):

@@ -170,7 +170,9 @@ class Why:
             sigmas, program = (NEAR, get_task(name).stochastic.sigma), made_with(get_task(name), __name__)
             with piece(f"{name} penalty, descents", 1) as report:
                 make_descents = functools.partial(descents, name, guesses)
-                made = store.finish_part(f"why_{name}_descents", {"guesses": guesses, **program}, make_descents)
+                shape = (guesses, None, get_task(name).initial_guess.size)
+                shapes = dict.fromkeys(("exact", "stochastic", "solve"), shape)
+                made = store.finish_part(f"why_{name}_descents", {"guesses": guesses, **program}, make_descents, shapes)
                 kept = {of: _spread(some.shape[1], number) for of, some in made.items()}
                 report(1)
             points = np.concatenate([made[of][:, some].reshape(-1, made[of].shape[2]) for of, some in kept.items()])
