@@ -1,5 +1,6 @@
 """Files and names that nobody would write on purpose: one line, in which nothing moves the terminal."""
 
+import logging
 import sys
 import warnings
 from pathlib import Path
@@ -114,17 +115,24 @@ def test_off_is_off_in_capitals_too(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_libraries_warn_nobody_while_a_script_runs(monkeypatch):
+def test_libraries_warn_nobody_while_a_script_runs(monkeypatch, caplog):
     monkeypatch.setattr(sys, "warnoptions", [])
     listening = []
+    loggers = [logging.getLogger(name) for name in ("jax", "matplotlib", "jax._src.xla_bridge", "matplotlib.pyplot")]
+    before = [logger.level for logger in loggers]
 
     def main():
         warnings.warn("overflow encountered in dot", RuntimeWarning, stacklevel=1)
+        for logger in loggers:
+            logger.warning("building the font cache")
+            logger.error("a real error of %s", logger.name)
         listening.append(mujoco.get_mju_user_warning())
 
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         run_main(main)
     assert not seen
+    assert caplog.messages == [f"a real error of {logger.name}" for logger in loggers]
+    assert [logger.level for logger in loggers] == before
     assert listening[0] is not None
     assert mujoco.get_mju_user_warning() != listening[0]

@@ -9,7 +9,6 @@ import re
 import sys
 import tempfile
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -22,7 +21,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from tog_mjx.devices import use_all_cores
 from tog_mjx.errors import InputError, near, printable
 from tog_mjx.interruption import Terminated, interruptible
-from tog_mjx.quiet import without_warnings
+from tog_mjx.quiet import without_remarks, without_warnings
 from tog_mjx.user_code import own_lines
 from tog_mjx.xla_flags import tune_compiler
 
@@ -70,10 +69,7 @@ def run_main(main: Callable[[], None], continues: str = "") -> None:
     with interruptible():
         try:
             _prepare()
-            with without_warnings(), warnings.catch_warnings():
-                if not sys.warnoptions:  # Libraries' own; what matters of it the checks tell.
-                    warnings.filterwarnings("ignore", category=RuntimeWarning)
-                    warnings.filterwarnings("ignore", module="matplotlib|jax")
+            with without_warnings(), without_remarks():
                 main()
         except InputError as error:
             print(f"{own_lines(error.__cause__)}{name}: {printable(str(error))}", file=sys.stderr)
