@@ -83,6 +83,8 @@ def solve(
             raise InputError("simulator and differentiation are a task's; a function of your own has its own")
         return _solve_function(problem, guess, budget, reach, report)
     task = get_task(problem)
+    if isinstance(guess, Real):
+        raise InputError(f"the guess is {guess}: give setpoints; a budget is given by its name, budget={guess}")
     simulator = simulator or "mjx"
     options = {"differentiation": differentiation} if differentiation else {}
     check_names(simulator, options)
