@@ -3,7 +3,7 @@
 What the studies found (scripts/findings): autodiff's gradient leads somewhere useful almost everywhere, and what fails
 is the paper's plain step, which follows its length. A gradient through contact is 100 times steeper at a touch than on
 a flat, so one step either creeps or leaves the basin. Adam divides by the recent size of each component and moves every
-variable by about the same length, which is chosen so that all updates together span twice the task's window. Its memory
+variable by about the same length, which is chosen so that all updates together span twice the window. Its memory
 of sizes is 20 updates long (beta_2 = 0.95): with the usual thousand, a single touch stalls the rest of the run.
 
 Autodiff's gradient is exact between two jumps of the motion, and not the slope of the landscape (`tog_mjx.touch`). It
