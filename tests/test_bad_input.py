@@ -132,3 +132,19 @@ def test_an_objective_can_be_pickled(task):
     J = tog.objective(task, "penalty")
     u = tog.get_task(task).initial_guess + 0.02
     assert pickle.loads(pickle.dumps(J))(u) == J(u)
+
+
+@pytest.mark.parametrize(
+    ("source", "name", "message"),
+    [
+        (3, "geom_size", "the source is of type int; give a mujoco.MjSpec"),
+        (arm, 3, "the name is of type int"),
+        (arm, "geom_siz", "'geom_siz' is not an array.*did you mean geom_size"),
+        (arm, "geom_size[9]", r"'geom_size\[9\]': geom_size has the shape"),
+        (arm, "pair_friction", "the model has no pair_friction"),
+        (mujoco.MjSpec.from_string(BALL.replace("<geom size='0.1'/>", "")), "body_mass", "the MjSpec does not compile"),
+    ],
+)
+def test_parameters_that_are_none(source, name, message):
+    with pytest.raises(tog.InputError, match=message):
+        tog.Parameter(source, name)

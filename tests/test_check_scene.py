@@ -106,6 +106,8 @@ def test_a_state_jacobian_is_that_of_c_mujoco(pendulum):
         ("geom_typo", "qpos", None),
         ("geom_type", "qpos", None),
         ("opt.gravity[2]", "mark[2]", (("opt.gravity[2]",), ("mark.z",))),
+        ("opt.density", "acc[6]", (("opt.density",), ("acc[6]",))),
+        ("field:body_mass[2]", "qvel[0]", (("body_mass[2]",), ("qvel[0]",))),
         ("qpos[3]", "qvel[1]", (("qpos[3]",), ("qvel[1]",))),
         ("body_mass", "qpos[0]", (("body_mass[0]", "body_mass[1]", "body_mass[2]"), ("qpos[0]",))),
     ],

@@ -174,7 +174,6 @@ KNOWN = [
     ),
     ({}, "geom_friction", 0.0, "is equal, and a contact takes the larger", "scene.xml:4, scene.xml:7"),
     ({}, "dof_frictionloss", 0.0, "3 of its entries are of no constraint", ""),
-    ({}, "body_mass", 0.0, "do not follow", ""),
     (
         {"EXTRA": '<body name="top" pos="2 0 1"><joint type="ball"/><geom size=".1"/></body>'}, "", 0.0,
         "body top: a force at its centre does not move it", "scene.xml:13",
@@ -220,7 +219,7 @@ def test_a_joint_that_leaves_its_limit_at_once_is_at_a_kink_for_positions_alone(
 @pytest.mark.parametrize(
     ("edits", "wrt", "ctrl", "what", "others"),
     [
-        ({}, "body_mass[2]", 0.0, "do not follow", ()),
+        ({}, "body_mass[2]", 0.0, "moves along", ()),
         ({"ACTUATOR": 'ctrlrange="-1 1"'}, "ctrl[0]", 2.0, "control of actuator motor, 2, is at", ("qpos[0]",)),
         ({}, "geom_friction[1, 0]", 0.0, "is equal, and a contact takes the larger", ()),
         ({"BALL": 'friction="1 .1 .2"'}, "geom_friction[2, 0]", 0.0, "is equal", ("geom_friction[2, 1]",)),

@@ -5,6 +5,7 @@ from tog_mjx.checks.function import check as check
 from tog_mjx.checks.scene import check_scene as check_scene
 from tog_mjx.errors import InputError as InputError
 from tog_mjx.implicit import step as step
+from tog_mjx.parameter import Parameter as Parameter
 from tog_mjx.rollout import Trajectory as Trajectory
 from tog_mjx.rollout import objective as objective
 from tog_mjx.rollout import rollout as rollout

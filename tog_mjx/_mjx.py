@@ -21,6 +21,8 @@ from jaxtyping import Array, Float
 from tog_mjx.safe import impedance, rotation_vector, with_derivative_of
 
 OLDEST, NEXT = (3, 17), (4, 0)
+FLUID = ("opt.density", "opt.viscosity", "opt.wind")
+"""What a fluid is given by."""
 
 
 def check_version(version: str) -> None:
@@ -135,3 +137,15 @@ def mended() -> Iterator[None]:
             _inside -= 1
             if not _inside:
                 _math.quat_to_axis_angle, _constraint._kbi = _stock_axis_angle, _stock_stiffness_damping_impedance
+
+
+def with_forces_of(model: mjx.Model, array: str) -> mjx.Model:
+    """The model with the forces that an array is the measure of: MJX leaves them out where the scene has none.
+
+    Not those of a fluid with the integrator implicitfast, which MJX cannot integrate.
+    """
+    if array == "body_gravcomp":
+        return model.replace(flg_gravcomp=True)
+    if array in FLUID and model.opt.integrator != mjx.IntegratorType.IMPLICITFAST:
+        return model.tree_replace({"opt._impl.has_fluid_params": True})
+    return model

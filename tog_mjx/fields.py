@@ -19,6 +19,13 @@ def attribute(tree: object, path: str):
     return tree
 
 
+def assign(model: mujoco.MjModel, path: str, value: np.ndarray | np.floating) -> None:
+    """Writes to a field of MuJoCo's model; some of its options are plain numbers."""
+    parent, _, name = path.rpartition(".")
+    owner = attribute(model, parent) if parent else model
+    setattr(owner, name, value if np.shape(value) else float(value))
+
+
 def array_name(text: str) -> str:
     """The array's name in "name" or "name[1, 2]"."""
     return text.partition("[")[0]
@@ -53,10 +60,10 @@ def field_of(model: mujoco.MjModel, name: str, others: tuple[str, ...] = ()) -> 
     except AttributeError:
         on_mjx, value = False, np.zeros(0)
     if not on_mjx or value.dtype.kind != "f":
-        listed = "".join(f"{other}, " for other in others)
+        listed = f"none of {', '.join(others)}, or" if others else "not"
         raise InputError(
-            f"{name!r} is none of {listed}or an array of numbers of mjx.Model; examples are geom_friction, "
-            f"body_mass, opt.gravity{near(name, [*others, *float_fields()])}"
+            f"{name!r} is {listed} an array of numbers of mjx.Model; examples are geom_friction, body_mass, "
+            f"opt.gravity{near(name, [*others, *float_fields()])}"
         )
     return value
 

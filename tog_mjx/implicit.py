@@ -19,8 +19,8 @@ dr/dp move with q.
 Model parameters. The derivative in a field of `mjx.Model` is that of `mjx.step` with this field changed alone. What
 MuJoCo's compiler derives from an MJCF attribute does not follow: a new `body_mass` leaves `body_inertia` and the
 inverse weights (`body_invweight0`, `dof_invweight0`, `tendon_invweight0`), by which constraints are scaled, as they
-were. These are fields too, with right derivatives: move them along. What the compiler left out has the derivative
-zero, without a word: a friction loss or a limit that the MJCF file does not give makes no constraint row.
+were. These are fields too, with right derivatives: `tog.Parameter` moves them along. What the compiler left out has the
+derivative zero, without a word: a friction loss or a limit that the MJCF file does not give makes no constraint row.
 
 Source: MuJoCo documentation, Computation, "Constraint model" and "Primal problem".
 """

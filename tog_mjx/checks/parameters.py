@@ -7,9 +7,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from tog_mjx._mjx import mjx
+from tog_mjx._mjx import FLUID, mjx
+from tog_mjx.checks.finding import Level
 from tog_mjx.checks.spoilers import AGREEMENT, COARSE, Question, Spoiler
 from tog_mjx.checks.unused import frictions
+from tog_mjx.parameter import ALONE
 from tog_mjx.supported import Culprit, candidates, name_of
 
 _EXACTLY = 1e-9
@@ -205,15 +207,36 @@ _ROWS = {
 
 
 def absent(question: Question) -> Iterator[Spoiler]:
-    """Parameters of constraints that are not there, and parameters from which others do not follow."""
+    """Parameters of constraints that are not there, or of forces that MJX lacks."""
     model, array, asked = question.model, question.array, question.chosen
     if array in _ROWS and (missing := int((asked.reshape(len(asked), -1).any(axis=1) & ~_ROWS[array](model)).sum())):
         what = f"{array}: {missing} of its entries are of no constraint, so their derivative is zero"
         remedy = "give the scene a small friction loss, or a limit, where one is meant"
         yield Spoiler(Culprit(what), remedy, measured_by="zeros" if array in ("jnt_range", "tendon_range") else "")
-    if array in ("body_mass", "body_inertia"):
-        what = f"{array}: the inverse weights that scale the constraints do not follow it"
-        yield Spoiler(Culprit(what), "move body_invweight0 and dof_invweight0 along, or recompile for differences")
+    if array in FLUID and model.opt.integrator == mjx.IntegratorType.IMPLICITFAST:
+        what = f"{array}: with the integrator implicitfast MJX has no fluid, so its derivative is zero"
+        yield Spoiler(Culprit(what), "set integrator='Euler'")
+
+
+def followers(question: Question) -> Iterator[Spoiler]:
+    """What moves with a parameter, and what should and does not."""
+    parameter = question.parameter
+    if parameter is None:
+        return
+    along = sorted(set(parameter.followers.rates) - {parameter.array})
+    behind = parameter.followers.behind
+    name = parameter.name.removeprefix(ALONE)
+    if parameter.is_alone:
+        if along or behind:
+            what = f"{name} moves alone, as asked for: {', '.join(sorted({*along, *behind}))} stay as they are"
+            yield Spoiler(Culprit(what), f"without '{ALONE}' they move along", Level.FINE)
+    elif behind:
+        what = f"{name} leaves behind what the compiler derives from it: {', '.join(behind)}"
+        remedy = "give the model's own MJCF file or MjSpec, without a <frame> about the element, or recompile"
+        yield Spoiler(Culprit(what), remedy)
+    elif along:
+        what = f"{name} moves along, to first order, what the compiler derives from it: {', '.join(along)}"
+        yield Spoiler(Culprit(what), f"'{ALONE}{name}' is the array alone", Level.FINE)
 
 
 def infinite_stiffness(question: Question) -> Iterator[Spoiler]:
@@ -230,5 +253,5 @@ def infinite_stiffness(question: Question) -> Iterator[Spoiler]:
 
 DETECTORS = (
     stiff_constraints, stiff_springs, saturated_actuators, touching_exactly, limits_met, infinite_stiffness, ties,
-    absent,
+    absent, followers,
 )  # fmt: skip

@@ -57,7 +57,7 @@ def preflight(
     model: mujoco.MjModel,
     path: str | Path | None = None,
     data: mujoco.MjData | None = None,
-    wrt: str = "",
+    wrt: str | Variables = "",
     differentiation: str = "implicit",
 ) -> list[Remark]:
     """Reads a scene, and compiles nothing; the gravest remarks come first.
@@ -67,7 +67,7 @@ def preflight(
       data: the state the motion starts from, and its controls; left as it is. `tog_mjx.state.default_start` if
         None.
       wrt: the variables of the derivative ("ctrl", "geom_friction[1, 0]", ...): some features spoil those in one field,
-        or in one number of it, alone.
+        or in one number of it, alone. Or the `Variables` themselves.
       differentiation: "implicit", "saltation" or "native", see `tog.step`.
 
     Raises:
@@ -83,9 +83,10 @@ def preflight(
     remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, left_out)]
     if not any(remark.blocks for remark in remarks):
         with without_warnings():
-            x = Variables(model, wrt) if wrt else None
+            x = Variables(model, wrt, path) if isinstance(wrt, str) and wrt else wrt or None
             array, chosen = (x.array, x.mask) if x else ("", np.zeros(0, bool))
-            question = Question(model, _state(model, data), array, chosen, differentiation)
+            parameter = x.parameter if x else None
+            question = Question(model, _state(model, data), array, chosen, differentiation, parameter)
             remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, _spoilers(question))]
     return sorted(remarks, key=lambda remark: (-remark.blocks, -remark.level))
 

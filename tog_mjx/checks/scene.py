@@ -28,13 +28,14 @@ from tog_mjx.checks.variables import default_wrt
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
 from tog_mjx.checks.zeros import zeros
 from tog_mjx.errors import InputError, require_kind
+from tog_mjx.followers import Origin, compiled
 from tog_mjx.quiet import without_warnings
 from tog_mjx.scene import require_time_step
 from tog_mjx.state import default_start, require_state
 
 
 def check_scene(
-    model: mujoco.MjModel,
+    model: mujoco.MjModel | mujoco.MjSpec,
     start: mujoco.MjData | None = None,
     *,
     steps: int = 100,
@@ -49,13 +50,14 @@ def check_scene(
     """Can the gradient of this scene's motion be trusted?
 
     Args:
-      model: any. Of one that MJX cannot simulate the verdict says why not.
+      model: any, or its MjSpec. Of one that MJX cannot simulate the verdict says why not.
       start: the state, and the controls held; `tog_mjx.state.default_start` if None. It is left as it is.
       steps, differentiation: see `SceneFunction`.
       output: see `tog_mjx.checks.outputs.Outputs`.
       wrt: see `tog_mjx.checks.variables.Variables`; if None the controls, or the velocities of a scene without
         actuators.
-      path: the file that the model was read from: the preflight then names its lines.
+      path: the MJCF file that the model was read from: the preflight then names its lines, and variables move all that
+        follows from them, see `tog.Parameter`.
       quick: leaves out what compiles the motion again: other modes, float32 and the cost.
       estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of
         several outputs, to lower the one whose derivative is largest.
@@ -64,8 +66,12 @@ def check_scene(
       InputError: for arguments of a wrong kind, a start of another model, what is not in the scene, or a cost that
         fails or returns no number.
     """
+    kinds = (mujoco.MjModel, mujoco.MjSpec)
     remedy = "what mjx.put_model made it of" if isinstance(model, mjx.Model) else "of a Scene its .model"
-    require_kind("the model", model, mujoco.MjModel, f"give the mujoco.MjModel ({remedy})")
+    require_kind("the model", model, kinds, f"give the mujoco.MjModel ({remedy})")
+    origin: Origin | None = path
+    if isinstance(model, mujoco.MjSpec):
+        model, origin = compiled(model)
     require_time_step(model, "the model")
     if path is not None:
         require_kind("path", path, (str, Path), "give that of the MJCF file")
@@ -77,11 +83,11 @@ def check_scene(
     why = "" if wrt or model.nu else ", as the scene has no actuators"
     say: Report = report or (lambda *_: None)
     with jax.enable_x64(), without_warnings():
-        scene = SceneFunction(model, start, steps, by, output, differentiation)
+        scene = SceneFunction(model, start, steps, by, output, differentiation, origin)
         told = ", ".join(scene.outputs[:3]) + ", ..." * (len(scene.outputs) > 3)
         subject = f"{told} after {steps} steps, by {by}{why}"
         say("preflight", None)
-        remarks = preflight(model, path, start, by, differentiation)
+        remarks = preflight(model, path, start, scene.x, differentiation)
         findings = [remark.finding() for remark in remarks]
         for finding in findings:
             say("preflight", finding)

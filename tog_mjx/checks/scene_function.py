@@ -11,6 +11,7 @@ from tog_mjx._mjx import mjx
 from tog_mjx.checks.outputs import Cost, Outputs
 from tog_mjx.checks.variables import Variables
 from tog_mjx.errors import require_choice, require_whole
+from tog_mjx.followers import Origin
 from tog_mjx.implicit import STEPS
 from tog_mjx.state import on_mjx
 
@@ -23,6 +24,7 @@ class SceneFunction:
       wrt: see `Variables`.
       output: see `Outputs`.
       differentiation: "implicit", "saltation" or "native", see `tog.step`.
+      origin: what the model was compiled from, if known.
     """
 
     model: mujoco.MjModel
@@ -31,6 +33,7 @@ class SceneFunction:
     wrt: str = "ctrl"
     output: str | Cost = "qpos"
     differentiation: str = "implicit"
+    origin: Origin | None = None
 
     def __post_init__(self):
         require_whole("steps", self.steps, 1)
@@ -39,7 +42,7 @@ class SceneFunction:
 
     @functools.cached_property
     def x(self) -> Variables:
-        return Variables(self.model, self.wrt)
+        return Variables(self.model, self.wrt, self.origin)
 
     @functools.cached_property
     def y(self) -> Outputs:

@@ -12,19 +12,21 @@ from jaxtyping import Bool
 
 from tog_mjx._mjx import mjx
 from tog_mjx.checks.finding import Level
+from tog_mjx.parameter import Parameter
 from tog_mjx.supported import Culprit, candidates, has_constraints, has_fluid, name_of, type_of
 
 
 class Question(NamedTuple):
     """What is asked: a model, its state (MuJoCo has computed its positions, contacts and forces), the array that the
-    variables of the derivative are of ("" if not known), which of its numbers they are, and how the step is
-    differentiated."""
+    variables of the derivative are of ("" if not known), which of its numbers they are, how the step is differentiated,
+    and what moves with the variables, where they are of the model."""
 
     model: mujoco.MjModel
     data: mujoco.MjData
     array: str
     chosen: Bool[np.ndarray, "..."]
     differentiation: str
+    parameter: Parameter | None = None
 
 
 class Spoiler(NamedTuple):

@@ -1,6 +1,5 @@
 """Which touch-down, or parting, makes a motion jump where a variable moves by next to nothing."""
 
-import copy
 from collections import Counter
 
 import jax.numpy as jnp
@@ -9,8 +8,6 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.checks.motion import Motion, Simulation
-from tog_mjx.checks.variables import OF_DATA
-from tog_mjx.fields import attribute
 from tog_mjx.state import INPUTS, STATE, copy_of, state_of
 from tog_mjx.supported import name_of
 
@@ -51,9 +48,8 @@ class _Side:
         self.model, data = simulation.scene.place(simulation.model, simulation.data, jnp.asarray(x))
         self.inputs = {name: np.asarray(getattr(data, name)) for name in INPUTS}
         self.start = {**state_of(data), **self.inputs}
-        self.c_model = copy.copy(simulation.scene.model)
-        if (name := simulation.scene.x.array) not in OF_DATA:
-            attribute(self.c_model, name)[...] = np.asarray(attribute(self.model, name))
+        parameter = simulation.scene.x.parameter
+        self.c_model = parameter.in_c(parameter.value + x) if parameter else simulation.scene.model
 
     def run(self, steps: int, motion: Motion | None = None, sample: int = 0) -> Motion:
         state = {name: values[sample] for name, values in motion.states.items()} if motion else {}

@@ -4,6 +4,7 @@ x = 0 is the start and the model as they are. Of positions, and of the orientati
 one of velocity space, as `mj_integratePos` adds it: a rotation has three numbers, not four.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -16,8 +17,10 @@ from jaxtyping import Array, Bool, Float, Int
 from tog_mjx._mjx import mjx
 from tog_mjx.checks.unused import unused
 from tog_mjx.errors import InputError, require_kind
-from tog_mjx.fields import array_name, attribute, entries, field_of
+from tog_mjx.fields import array_name, entries, field_of
+from tog_mjx.followers import Origin
 from tog_mjx.integration import positions_after, rotated
+from tog_mjx.parameter import ALONE, Parameter
 
 OF_DATA = ("ctrl", "qpos", "qvel", "act", "mocap_pos", "mocap_quat")
 """Variables of the start and the inputs; all others are of the model."""
@@ -29,21 +32,31 @@ class Variables:
 
     Args:
       wrt: "ctrl", "qpos", "qvel", "act", "mocap_pos", "mocap_quat", or a field of floats of `mjx.Model`, such as
-        "geom_friction" or "opt.gravity"; or one number of it, as in "ctrl[0]" or "geom_friction[2, 0]".
+        "geom_friction" or "opt.gravity"; or one number of it, as in "ctrl[0]" or "geom_friction[2, 0]". A field moves
+        what follows from it, see `tog.Parameter`, unless "field:" stands before it.
+      origin: what the model was compiled from, if known.
     """
 
     model: mujoco.MjModel
     wrt: str
+    origin: Origin | None = None
 
     def __post_init__(self):
         require_kind("wrt", self.wrt, str, f"give {', '.join(OF_DATA)} or the name of a field of mjx.Model")
+        if self.array not in OF_DATA:
+            field_of(self.model, self.array, OF_DATA)
         if not len(self.chosen):
             raise InputError(f"the scene has no {self.wrt}: differentiate with respect to something else")
 
     @property
     def array(self) -> str:
         """The name of that array."""
-        return array_name(self.wrt)
+        return array_name(self.wrt.removeprefix(ALONE))
+
+    @functools.cached_property
+    def parameter(self) -> Parameter | None:
+        """The numbers of the model, where they are of it."""
+        return None if self.array in OF_DATA else Parameter(self.model, self.wrt, self.origin)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -51,12 +64,12 @@ class Variables:
         model = self.model
         sizes = {"ctrl": (model.nu,), "qpos": (model.nv,), "qvel": (model.nv,), "act": (model.na,)}
         mocap = dict.fromkeys(("mocap_pos", "mocap_quat"), (model.nmocap, 3))
-        return {**sizes, **mocap}.get(self.array) or field_of(model, self.array, OF_DATA).shape
+        return {**sizes, **mocap}.get(self.array) or field_of(model, self.array).shape
 
     @property
     def chosen(self) -> Int[np.ndarray, " n"]:
         """The variables among those numbers."""
-        return entries(self.wrt, self.shape)
+        return entries(self.wrt.removeprefix(ALONE), self.shape)
 
     @property
     def mask(self) -> Bool[np.ndarray, "..."]:
@@ -76,7 +89,8 @@ class Variables:
     @property
     def names(self) -> tuple[str, ...]:
         """Of x [n]."""
-        names = [f"{self.array}[{', '.join(map(str, i))}]" for i in np.ndindex(self.shape)]
+        indices = [", ".join(map(str, i)) for i in np.ndindex(self.shape)]
+        names = [f"{self.array}[{index}]" if index else self.array for index in indices]
         if self.array == "ctrl":
             kind = mujoco.mjtObj.mjOBJ_ACTUATOR
             names = [mujoco.mj_id2name(self.model, kind, i) or name for i, name in enumerate(names)]
@@ -103,16 +117,16 @@ class Variables:
 
     def place(self, model: mjx.Model, data: mjx.Data, x: Float[Array, " n"]) -> tuple[mjx.Model, mjx.Data]:
         """The model and the start, displaced."""
+        if self.parameter:
+            return self.parameter.moved(model, x), data
         change = jnp.zeros(math.prod(self.shape), x.dtype).at[self.chosen].set(x).reshape(self.shape)
         match self.array:
             case "qpos":
                 return model, data.replace(qpos=positions_after(model, data.qpos, change))
             case "mocap_quat":
                 return model, data.replace(mocap_quat=jax.vmap(rotated)(data.mocap_quat, change))
-            case "ctrl" | "qvel" | "act" | "mocap_pos" as name:
-                return model, data.replace(**{name: getattr(data, name) + change})
             case name:
-                return model.tree_replace({name: attribute(model, name) + change}), data
+                return model, data.replace(**{name: getattr(data, name) + change})
 
 
 def default_wrt(model: mujoco.MjModel) -> str:
