@@ -72,7 +72,8 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("scene", help="an MJCF file, or flip or grasp")
     parser.add_argument("--steps", type=int, default=100, metavar="N", help="time steps (default: %(default)s)")
     default = "default: ctrl; of a scene without actuators, qvel"
-    parser.add_argument("--wrt", help=f"{', '.join(OF_DATA)} or a field of mjx.Model ({default})")
+    fields = "a field of mjx.Model, with what follows from it (field:NAME: alone)"
+    parser.add_argument("--wrt", help=f"{', '.join(OF_DATA)} or {fields} ({default})")
     parser.add_argument("--output", default="qpos", help="qpos, qvel, acc, a site or a sensor (default: %(default)s)")
     parser.add_argument("--cost", metavar="PACKAGE.MODULE:FUNCTION", help="of the last mjx.Data; in place of --output")
     parser.add_argument("--differentiation", choices=list(STEPS), default="implicit", help="default: %(default)s")

@@ -11,7 +11,7 @@ from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.preflight import preflight
 from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.unused import unused
-from tog_mjx.checks.zeros import zeros
+from tog_mjx.checks.zeros import cancelled, zeros
 
 NAMES = ("a", "b", "c")
 
@@ -163,3 +163,22 @@ def test_equal_frictions_are_a_kink_where_they_are_read(condim, told):
     model = mujoco.MjModel.from_xml_string(SCENE.format(condim=condim, priority=0))
     remarks = preflight(model, wrt="geom_friction")
     assert any("a contact takes the larger: a kink" in remark.what for remark in remarks) == told
+
+
+@pytest.mark.parametrize(
+    ("slope", "function", "told"),
+    [
+        (1e-11, lambda a: [0.5 + 1e-9 * np.sign(a)], True),  # As a solver's tolerance makes of a constant.
+        (1e-11, lambda a: [0.5 + 1e-3 * a**2], True),
+        (1e-11, lambda a: [0.5 + 1e-4 * a], False),  # Then autodiff has lost something.
+        (1e-7, lambda a: [0.5 + 1e-7 * a], False),
+        (0.0, lambda a: [0.5 + 0 * a], False),
+    ],
+)
+def test_what_is_zero_but_for_rounding(slope, function, told):
+    differences = sweep(lambda points: np.stack(function(*points.T), axis=1), np.zeros(1), np.eye(1))
+    found = cancelled(np.array([[slope]]), differences, np.array([0.5]), ("body_mass[1]",))
+    assert (found is not None) == told
+    if found:
+        assert (found.level, found.value) == (Level.FINE, slope)
+        assert "what follows from body_mass[1] undoes what it does" in found.sentence

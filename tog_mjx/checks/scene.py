@@ -26,7 +26,7 @@ from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.touch_down import touch_down
 from tog_mjx.checks.variables import default_wrt
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
-from tog_mjx.checks.zeros import zeros
+from tog_mjx.checks.zeros import cancelled, zeros
 from tog_mjx.errors import InputError, require_kind
 from tog_mjx.followers import Origin, compiled
 from tog_mjx.quiet import without_warnings
@@ -136,6 +136,13 @@ def _checks(
     yield "solver", lambda: solver(simulation, motion)
     scene, n = simulation.scene, simulation.scene.size
     differences = sweep(simulation.values, np.zeros(n), simulation.directions)
+    follows = scene.x.parameter is not None and len(scene.x.parameter.arrays) > 1
+    if follows and (nothing := cancelled(motion.slopes, differences, motion.value, names)):
+        yield "zeros", lambda: nothing
+        yield "growth", lambda: growth(simulation, motion)
+        yield "contacts", lambda: contacts(simulation, motion)
+        yield "parity", lambda: parity(simulation, motion)
+        return
     unreached = lambda: untouched(simulation, motion)  # noqa: E731
     kin, unused = (scene.kin, scene.unused) if names == scene.variables else (None, None)  # Directions are of all.
     args = motion.slopes, differences, names, scene.outputs, scene.bodies, unreached, kin, unused

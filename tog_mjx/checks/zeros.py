@@ -19,6 +19,10 @@ LONG, FALLS = 0.9e-3, 0.1
 """Of the slopes over steps from here on, a hundred times as long at most, the least by the largest. At an extremum they
 fall by 100 times or more, and over a flat piece they end."""
 
+ROUNDED, UNRESOLVED = 1e-8, 1e-6
+"""Changes of an output over a large displacement, relative to the output, that are none: those that differences of the
+compiler leave of a sum that is zero, and those that the solver's tolerance leaves of a motion that stays."""
+
 
 def zeros(
     slopes: Float[np.ndarray, "m k"],
@@ -59,6 +63,20 @@ def zeros(
     told = told and f"{still.sum()} of {still.size} derivatives are rightly zero: {told}"
     unmoved &= ~(even.any(axis=1) & (even | constant).all(axis=1))
     return _outputs(unmoved, constant, outputs, bodies, untouched, told)
+
+
+def cancelled(
+    slopes: Float[np.ndarray, "m k"], differences: Sweep, value: Float[np.ndarray, " m"], variables: Sequence[str]
+) -> Finding | None:
+    """Of variables that move what follows from them: where that undoes all they do, as a mass does in free fall, the
+    derivative is what rounding leaves of zero, and nothing can be compared with it."""
+    size, least = np.linalg.norm(value), np.linalg.norm(differences.central, axis=(1, 2)).min()
+    largest = float(np.linalg.norm(slopes))
+    if not 0 < largest <= ROUNDED * size or least > UNRESOLVED * size:
+        return None
+    names = _listed(variables, np.ones(len(variables), bool))
+    sentence = f"what follows from {names} undoes what it does: the derivative is zero but for rounding ({largest:.0e})"
+    return Finding("zeros", Level.FINE, sentence, largest)
 
 
 def _dropped(
