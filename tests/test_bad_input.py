@@ -70,6 +70,7 @@ def test_points_that_check_cannot_take(x):
         ((arm,), {"differentiation": "magic"}, "differentiation='magic' is unknown; choose from implicit, salt"),
         ((arm,), {"differentiation": "implict"}, "did you mean implicit?"),
         ((arm,), {"wrt": 3}, "wrt is of type int"),
+        ((arm,), {"wrt": "field:ctrl"}, "'field:ctrl' is no field of mjx.Model; give ctrl"),
         ((arm,), {"wrt": "ctlr"}, r"'ctlr' is none of .*did you mean ctrl\?"),
         ((arm,), {"wrt": "geom_friction[0, 0"}, r"'geom_friction\[0, 0': geom_friction has the shape \[1, 3\]"),
         ((arm,), {"output": "griper"}, r"no site or sensor named griper.*did you mean gripper\?"),

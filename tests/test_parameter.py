@@ -34,10 +34,12 @@ TREE = """<mujoco>
   </worldbody>
   <tendon><spatial name="cord" stiffness="10" armature=".1"><site site="tip"/><site site="hook"/></spatial></tendon>
   <equality><connect body1="arm" body2="cart" anchor=".5 0 0" active="false"/></equality>
-  <actuator><position name="servo" joint="hinge" kp="30" dampratio="1" gear="{gear}"/></actuator>
+  <actuator><position name="servo" joint="hinge" kp="{kp}" dampratio="1" gear="{gear}"/>
+    <velocity joint="slide" kv="{kv}"/></actuator>
 </mujoco>"""
 TEXT = {
     "rod": 0.03, "place": 0.1, "density": 500.0, "arm": 0.4, "armature": 0.01, "mass": 0.7, "height": 0.05, "gear": 1.5,
+    "kp": 30.0, "kv": 4.0,
 }  # fmt: skip
 TREE_SPEC = mujoco.MjSpec.from_string(TREE.format(**TEXT))
 
@@ -69,6 +71,8 @@ def arrays(model) -> dict[str, np.ndarray]:
         ("mass", "body_mass[2]", {"dof_invweight0", "actuator_acc0", "actuator_biasprm", "body_subtreemass"}),
         ("height", "geom_size[4, 1]", {"body_inertia", "geom_rbound"}),
         ("gear", "actuator_gear[0, 0]", {"actuator_acc0", "actuator_biasprm"}),
+        ("kp", "actuator_gainprm[0, 0]", {"actuator_biasprm"}),
+        ("kv", "actuator_gainprm[1, 0]", {"actuator_biasprm"}),
     ],
 )
 def test_all_moves_as_when_the_text_is_compiled_again(text, parameter, follows):

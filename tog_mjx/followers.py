@@ -7,9 +7,9 @@ Of a compiled model alone `mj_setConst` derives the inverse weights; inertias st
 
 import copy
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import mujoco
 import numpy as np
@@ -26,7 +26,7 @@ LEADERS = frozenset(
     {
         *("body_mass", "body_inertia", "body_ipos", "body_iquat", "body_pos", "body_quat", "geom_size", "geom_pos"),
         *("geom_quat", "site_pos", "site_quat", "jnt_pos", "jnt_axis", "qpos0", "dof_armature", "tendon_armature"),
-        *("actuator_gear", "actuator_cranklength"),
+        *("actuator_gear", "actuator_cranklength", "actuator_gainprm"),
     }
 )
 """Arrays from which others follow."""
@@ -96,7 +96,7 @@ def spec_of(model: mujoco.MjModel, origin: Origin | None) -> mujoco.MjSpec | Non
         with without_warnings():
             spec = origin.copy() if isinstance(origin, mujoco.MjSpec) else mujoco.MjSpec.from_file(str(origin))
             expected, given = _arrays(spec.compile()), _arrays(model)
-    except (ValueError, OSError):
+    except (ValueError, OSError, mujoco.FatalError):
         return None
     is_same = expected.keys() == given.keys() and all(
         given[name].shape == value.shape and np.allclose(given[name], value, rtol=_SAME)
@@ -153,7 +153,7 @@ def _compiled(spec: mujoco.MjSpec | None, model: mujoco.MjModel, array: str, ent
     if spec is None:
         return None
     changed = spec.copy()
-    if not _change(changed, model, array, np.unravel_index(entry, attribute(model, array).shape), h):
+    if not _change(changed, model, array, entry, h):
         return None
     try:
         return _arrays(changed.compile())
@@ -165,6 +165,8 @@ def _derived(model: mujoco.MjModel, array: str, entry: int, h: float) -> Arrays 
     changed = copy.copy(model)
     value = attribute(changed, array)
     value[...] += h * _own(model, array, entry).reshape(value.shape)
+    if feedback := _feedback(model, array, entry):
+        changed.actuator_biasprm[feedback] -= h
     try:
         mujoco.mj_setConst(changed, mujoco.MjData(changed))
     except (mujoco.FatalError, ValueError):
@@ -172,10 +174,10 @@ def _derived(model: mujoco.MjModel, array: str, entry: int, h: float) -> Arrays 
     return _arrays(changed)
 
 
-def _change(spec: mujoco.MjSpec, model: mujoco.MjModel, array: str, index: Iterable[Any], h: float) -> bool:
+def _change(spec: mujoco.MjSpec, model: mujoco.MjModel, array: str, entry: int, h: float) -> bool:
     """Adds h to the attribute that a number of the model is compiled from; False where there is none."""
     kind, _, name = array.partition("_")
-    i, *rest = (int(k) for k in index)
+    i, *rest = (int(k) for k in np.unravel_index(entry, attribute(model, array).shape))
     if array == "dof_armature":
         kind, i = "jnt", int(model.dof_jntid[i])
         if model.jnt_type[i] < int(mujoco.mjtJoint.mjJNT_SLIDE):  # One attribute of several degrees of freedom.
@@ -194,11 +196,22 @@ def _change(spec: mujoco.MjSpec, model: mujoco.MjModel, array: str, index: Itera
         element.pos, element.quat, element.size = model.geom_pos[i], model.geom_quat[i], model.geom_size[i]
     if name == "quat":
         element.alt.type, element.quat = mujoco.mjtOrientation.mjORIENTATION_QUAT, attribute(model, array)[i]
+    if feedback := _feedback(model, array, entry):
+        element.biasprm[feedback[1]] -= h
     if rest:
         getattr(element, name)[rest[0]] += h
     else:
         setattr(element, name, getattr(element, name) + h)
     return True
+
+
+def _feedback(model: mujoco.MjModel, array: str, entry: int) -> tuple[int, int] | None:
+    """Of a servo's gain, kp or kv in MJCF: the place in `actuator_biasprm` that is its negative."""
+    i, k = divmod(entry, model.actuator_gainprm.shape[1])
+    if array != "actuator_gainprm" or k or not model.actuator_gainprm[i, 0]:
+        return None
+    same = np.flatnonzero(model.actuator_biasprm[i, 1:3] == -model.actuator_gainprm[i, 0])
+    return (i, 1 + int(same[0])) if len(same) else None
 
 
 def _change_densities(spec: mujoco.MjSpec, model: mujoco.MjModel, body: int, h: float) -> bool:

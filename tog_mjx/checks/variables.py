@@ -45,6 +45,8 @@ class Variables:
         require_kind("wrt", self.wrt, str, f"give {', '.join(OF_DATA)} or the name of a field of mjx.Model")
         if self.array not in OF_DATA:
             field_of(self.model, self.array, OF_DATA)
+        elif self.wrt.startswith(ALONE):
+            raise InputError(f"{self.wrt!r} is no field of mjx.Model; give {self.array}")
         if not len(self.chosen):
             raise InputError(f"the scene has no {self.wrt}: differentiate with respect to something else")
 
