@@ -26,7 +26,15 @@ AT_REST = """<mujoco><option tolerance="1e-14" iterations="50" ls_iterations="50
   <body pos="3 0 1"><joint name="servo" type="ball"/><geom size=".1" pos=".2 0 0"/></body>
   <body pos="0 0 .3"><joint type="ball" pos=".1 0 0"/><geom size=".1"/><site name="moving"/></body>
   <body pos="9 0 .5"><joint type="slide" axis="0 0 1"/><geom size=".1" contype="1" solimp="{solimp}"/></body>
-  </worldbody><actuator><position joint="servo" gear="1 .5 .3" kp="20"/>
+  <site name="hook" pos="4 0 1"/><site name="inside" pos="4 0 .7"/><site name="on axis" pos="4 0 1.4"/>
+  <site name="behind" pos="4 -.3 1.3"/>
+  <geom name="ball" size=".1" pos="4 0 1.2"/><geom name="reel" type="cylinder" size=".1 .1" pos="4 0 .7"/>
+  <body pos="4 0 1"><joint type="slide" axis="0 0 1"/><joint type="slide" axis="1 0 0"/><geom size=".1"/>
+  <site name="hung"/><site name="aside" pos=".4 .05 .1"/></body>
+  </worldbody><tendon><spatial stiffness="5" springlength="0"><site site="hook"/><site site="hung"/></spatial>
+  <spatial stiffness="5" springlength=".1"><site site="on axis"/><geom geom="ball"/><site site="aside"/></spatial>
+  <spatial stiffness="5" springlength=".1"><site site="behind"/><geom geom="reel" sidesite="inside"/>
+  <site site="aside"/></spatial></tendon><actuator><position joint="servo" gear="1 .5 .3" kp="20"/>
   <position site="moving" refsite="reference" gear="0 0 0 .4 .5 .6" kp="10"/></actuator></mujoco>"""
 
 
@@ -113,6 +121,46 @@ def test_an_impedance_is_mjxs_and_has_its_derivative(solimp):
     assert np.isfinite(second)
 
 
+CYLINDER = jnp.array([0.3, 0.5, 0.0])
+POINTS = jnp.array(
+    [
+        [0.1, -0.2, 0.1],
+        [0.02, 0.01, 0.4],
+        [0.3, 0.2, 0.1],
+        [0.1, 0.1, -0.7],
+        [0.3, -0.3, 0.6],
+        [0, 0, 0.45],
+        [0, 0, -0.6],
+    ]
+)
+"""In a cylinder near its side and its end, beyond its side, its end and its edge, and on its axis."""
+
+
+def test_a_cylinders_distance_is_mjxs_and_has_its_derivatives_of_two_orders():
+    """Its slope is a contact's normal; stock MJX's is NaN in reverse mode, and does not see the size."""
+    at = lambda function: jax.jit(jax.vmap(function))  # noqa: E731
+    sizes = jnp.tile(CYLINDER, (len(POINTS), 1))
+    stock, stock_slope = at(_mjx._stock_cylinder), at(_mjx._stock_cylinder_slope)
+    with mended():
+        ours = _mjx._collision_sdf._cylinder
+        value, slope = at(jax.value_and_grad(ours))(POINTS, sizes)
+        by_size = at(jax.grad(ours, 1))(POINTS, sizes)
+        both = [at(mode(jax.grad(ours), (0, 1)))(POINTS, sizes) for mode in (jax.jacfwd, jax.jacrev)]
+    np.testing.assert_array_equal(value, stock(POINTS, sizes))
+    np.testing.assert_array_equal(slope, stock_slope(POINTS, sizes))
+
+    def differences(function):
+        moves = 1e-6 * np.eye(6).reshape(6, 2, 1, 3)
+        slopes = [(function(POINTS + a, sizes + b) - function(POINTS - a, sizes - b)) / 2e-6 for a, b in moves]
+        return np.stack(slopes, axis=-1)
+
+    np.testing.assert_allclose(by_size, differences(stock)[:, 3:], rtol=0, atol=1e-9)
+    off_axis = differences(stock_slope)[:-2]
+    for found in both:
+        np.testing.assert_allclose(np.concatenate(found, axis=-1)[:-2], off_axis, rtol=0, atol=1e-7)
+        np.testing.assert_allclose(found[0][-2:], 0.0, rtol=0, atol=1e-12)
+
+
 def test_mjx_is_as_it_was_when_the_last_thread_is_out():
     stock, inside, leave = mjx._src.math.quat_to_axis_angle, threading.Event(), threading.Event()
 
@@ -130,6 +178,7 @@ def test_mjx_is_as_it_was_when_the_last_thread_is_out():
     leave.set()
     other.join()
     assert mjx._src.math.quat_to_axis_angle is stock
+    assert mjx._src.support.jp is jnp
 
 
 def test_a_solref_below_two_time_steps_has_the_derivative_zero():

@@ -10,7 +10,7 @@ import importlib.metadata
 import io
 import threading
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.safe import impedance, rotation_vector, with_derivative_of
+from tog_mjx.safe import arccos, arcsin, impedance, rotation_vector, safe_norm, sqrt, with_derivative_of
 
 OLDEST, NEXT = (3, 17), (4, 0)
 FLUID = ("opt.density", "opt.viscosity", "opt.wind")
@@ -37,8 +37,11 @@ def check_version(version: str) -> None:
 check_version(importlib.metadata.version("mujoco-mjx"))
 with contextlib.redirect_stdout(io.StringIO()):
     from mujoco import mjx as mjx
+    from mujoco.mjx._src import collision_sdf as _collision_sdf
     from mujoco.mjx._src import constraint as _constraint
     from mujoco.mjx._src import math as _math
+    from mujoco.mjx._src import ray as _ray
+    from mujoco.mjx._src import support as _support
     from mujoco.mjx._src.collision_driver import geom_pairs as geom_pairs
     from mujoco.mjx._src.collision_driver import has_collision_fn as has_collision_fn
 
@@ -115,28 +118,87 @@ def _stiffness_damping_impedance(model: mjx.Model, solref: Array, solimp: Array,
     return stiffness, damping, with_derivative_of(stock, impedance(solimp, violation))
 
 
+def _outward(position: Float[Array, "3"], size: Float[Array, "3"]) -> tuple[Array, Array]:
+    """The derivative of a cylinder's signed distance in the position, and that in its radius and half length, negated.
+
+    On its axis, where the distance has a kink, that in the position does not change with it.
+    """
+    radius = safe_norm(position[:2])
+    is_off = radius > 1e-8  # As MJX has it.
+    radial = jnp.where(is_off, position[:2] / jnp.where(is_off, radius, 1.0), 0.0)
+    over = jnp.array([radius, jnp.abs(position[2])]) - size[:2]
+    beyond = jnp.maximum(over, 0)
+    length = safe_norm(beyond)
+    share = jnp.where(length > 0, beyond / jnp.where(length > 0, length, 1.0), jnp.arange(2) == over.argmax())
+    return jnp.append(radial, jnp.sign(position[2])) * share[np.array([0, 0, 1])], share
+
+
+def _cylinder(position: Float[Array, "3"], size: Float[Array, "3"]) -> Float[Array, ""]:
+    # MJX's own rule leaves the size out.
+    share = jax.lax.stop_gradient(_outward(position, size)[1])
+    return _stock_cylinder(position, size) - share @ (size[:2] - jax.lax.stop_gradient(size[:2]))
+
+
+def _cylinder_slope(position: Float[Array, "3"], size: Float[Array, "3"]) -> Float[Array, "3"]:
+    return with_derivative_of(_stock_cylinder_slope(position, size), _outward(position, size)[0])
+
+
+def _timescale(dctrl: Array, activation: Array, deactivation: Array, width: Array) -> Array:
+    # Without a width MJX divides by 1e-15, raises that to the fifth power, and does not select it.
+    is_hard = width < mujoco.mjMINVAL
+    smooth = _stock_timescale(dctrl, activation, deactivation, jnp.where(is_hard, 1.0, width))
+    return jnp.where(is_hard, jnp.where(dctrl > 0, activation, deactivation), smooth)
+
+
+class _Regular:
+    """`jax.numpy`, but for functions that are infinitely steep somewhere: those of tendons that wrap, and of rays."""
+
+    sqrt, arcsin, arccos = map(staticmethod, (sqrt, arcsin, arccos))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(jnp, name)
+
+
+_regular = _Regular()
 _stock_axis_angle, _stock_stiffness_damping_impedance = _math.quat_to_axis_angle, _constraint._kbi
+_stock_cylinder, _stock_cylinder_slope = _collision_sdf._cylinder, _collision_sdf._cylinder_grad
+_stock_timescale = _support.muscle_dynamics_timescale
+_MENDED = (
+    (_math, "quat_to_axis_angle", _axis_angle),
+    (_constraint, "_kbi", _stiffness_damping_impedance),
+    (_collision_sdf, "_cylinder", _cylinder),
+    (_collision_sdf, "_cylinder_grad", _cylinder_slope),
+    (_support, "muscle_dynamics_timescale", _timescale),
+    *((module, "jp", _regular) for module in (_ray, _support)),
+)
+_STOCK = tuple((module, name, getattr(module, name)) for module, name, _ in _MENDED)
 _lock, _inside = threading.Lock(), 0
+
+
+def _put(functions: tuple) -> None:
+    for module, name, function in functions:
+        setattr(module, name, function)
 
 
 @contextlib.contextmanager
 def mended() -> Iterator[None]:
-    """While this lasts MJX traces two of its functions with the same values, and derivatives that are right.
+    """While this lasts MJX traces some of its functions with the same values, and derivatives that are right.
 
     Stock MJX has the derivative zero, or NaN, of a rotation that is at rest (springs and servos of ball and free
-    joints, `refsite`) and of an impedance whose power is no whole number. Any number of threads may be inside.
+    joints, `refsite`), of an impedance whose power is no whole number, of a cylinder's contacts with what is round, in
+    its size too, of tendons that wrap, and of muscles in float32. Any number of threads may be inside.
     """
     global _inside
     with _lock:
         _inside += 1
-        _math.quat_to_axis_angle, _constraint._kbi = _axis_angle, _stiffness_damping_impedance
+        _put(_MENDED)
     try:
         yield
     finally:
         with _lock:
             _inside -= 1
             if not _inside:
-                _math.quat_to_axis_angle, _constraint._kbi = _stock_axis_angle, _stock_stiffness_damping_impedance
+                _put(_STOCK)
 
 
 def with_forces_of(model: mjx.Model, array: str) -> mjx.Model:

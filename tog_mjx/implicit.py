@@ -30,6 +30,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.ad_checkpoint import checkpoint_name
 from jax.custom_derivatives import SymbolicZero
 from jax.scipy.linalg import cho_factor, cho_solve
@@ -72,7 +73,7 @@ def sensed(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     """What follows from positions and velocities alone, sensors of both among it; forces are what they were."""
     require_jax(model, data)
     data = mjx.sensor_pos(model, mjx.fwd_position(model, data))
-    return mjx.sensor_vel(model, _spring_back(model, mjx.fwd_velocity(model, data)))
+    return mjx.sensor_vel(model, _springs(model, mjx.fwd_velocity(model, data)))
 
 
 @mended()
@@ -119,17 +120,28 @@ STEPS: dict[str, Step] = {
 """How a step is differentiated, by name: see `step`."""
 
 
-def _spring_back(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """The same forces, with the derivative of a tendon's spring at its rest length, where an undeflected model is.
+def _springs(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """The same forces, with the derivatives of a tendon's spring where MJX has none.
 
-    MJX puts the force together from two sides, and takes neither at the point between them: it has the derivative zero.
+    At its rest length, where an undeflected model is, MJX puts the force together from two sides, and takes neither at
+    the point between them: it has the derivative zero. Between two sites that coincide the tendon has no direction, but
+    a spring that is at rest there pulls like one in space.
     """
     off = mjx.DisableBit.SPRING | mjx.DisableBit.DAMPER  # With either MJX leaves out all passive forces.
     if model.ntendon == 0 or model.opt.disableflags & off:
         return data
     low, high = model.tendon_lengthspring.T
     stretch = jnp.where((low == high) & (data.ten_length == low), data.ten_length - low, 0.0)
-    return data.replace(qfrc_passive=data.qfrc_passive - tendon_jacobian(data).T @ (model.tendon_stiffness * stretch))
+    force = -tendon_jacobian(data).T @ (model.tendon_stiffness * stretch)
+    for i in np.flatnonzero(model.tendon_num == 2):
+        ends = model.tendon_adr[i] + np.arange(2)
+        if (model.wrap_type[ends] == mjx.WrapType.SITE).all():
+            sites = model.wrap_objid[ends]
+            jacobians = [mjx.jac(model, data, data.site_xpos[site], model.site_bodyid[site])[0] for site in sites]
+            apart = data.site_xpos[sites[1]] - data.site_xpos[sites[0]]
+            pull = -model.tendon_stiffness[i] * (jacobians[1] - jacobians[0]) @ apart
+            force += jnp.where((data.ten_length[i] == 0) & (high[i] == 0), pull, 0.0)
+    return data.replace(qfrc_passive=with_derivative_of(data.qfrc_passive, data.qfrc_passive + force))
 
 
 @jax.custom_jvp

@@ -1,11 +1,13 @@
 """Singular mathematics with a defined gradient, in one place."""
 
 import functools
+from collections.abc import Callable
 from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import mujoco
+import numpy as np
 from jaxtyping import Array, Float
 
 Tree = TypeVar("Tree")
@@ -14,6 +16,27 @@ Tree = TypeVar("Tree")
 def with_derivative_of(value: Tree, differentiable: Tree) -> Tree:
     """The first argument's value, to the bit, with the second one's derivative; they are equal up to rounding."""
     return jax.tree.map(lambda v, d: jax.lax.stop_gradient(v) + (d - jax.lax.stop_gradient(d)), value, differentiable)
+
+
+def regular(function: Callable[[Array], Array], low: float, high: float) -> Callable[[Array], Array]:
+    """A function of one number, to the bit, with the derivative zero outside of (low, high): there it has none.
+
+    A value that is not selected must not be infinitely steep: reverse mode multiplies that by zero.
+    """
+
+    def of(x: Array) -> Array:
+        is_inside = (low < x) & (x < high)
+        inside = function(jnp.where(is_inside, x, 0.5))
+        return jnp.where(is_inside, inside, jax.lax.stop_gradient(function(x)))
+
+    return of
+
+
+sqrt, arcsin, arccos = (
+    regular(jnp.sqrt, 0.0, np.inf),
+    regular(jnp.arcsin, -1.0, 1.0),
+    regular(jnp.arccos, -1.0, 1.0),
+)
 
 
 def safe_norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:

@@ -50,6 +50,7 @@ _ITERATED = ("cylinder", "ellipsoid")
 """Met by anything but a plane, MJX finds the nearest points by a fixed number of iterations."""
 _MANY_VERTICES = 200
 """Of a hull: MJX goes through pairs of edges, so that time and memory grow with the square."""
+EQUALITY_REMEDY = "use a joint, or a shorter time constant in its solref, by which it gives way less"
 _FEW_ITERATIONS = {mjx.SolverType.NEWTON: 5, mjx.SolverType.CG: 20}
 _FEW_OF_LINE_SEARCH, _LOOSE = 5, 1e-6
 """Fewer, or a looser tolerance, may leave contacts unconverged. Whether they do, the check of the solver measures, in
@@ -57,6 +58,8 @@ every scene: nothing is lost if this is told in vain, or not told."""
 COARSE = 0.3
 """Of a frequency times the time step: semi-implicit Euler's error of the phase is its square over 24, a period: 0.4 %,
 or after 60 periods a quarter of one, where a derivative that was largest is zero."""
+_COINCIDE = 1e-8
+"""m. MJX takes lengths below for zero."""
 _FAR = 1e3
 """m. In float32 a position is rounded to 1e-7 of it, and contacts are 1e-4 m deep."""
 
@@ -194,11 +197,56 @@ def far_away(question: Question) -> Iterator[Spoiler]:
             yield Spoiler(Culprit(what, (("body", body),)), "move the scene to the origin, or use float64")
 
 
+def tendons_without_direction(question: Question) -> Iterator[Spoiler]:
+    """Spatial tendons with two sites in one place, but for springs alone that are at rest there."""
+    model, data = question.model, question.data
+    loads = (model.tendon_limited, model.tendon_damping, model.tendon_frictionloss, model.tendon_armature)
+    is_loaded = np.any([some != 0 for some in loads], axis=0)
+    is_loaded[model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON, 0]] = True
+    for i in range(model.ntendon):
+        wraps = model.tendon_adr[i] + np.arange(model.tendon_num[i])
+        is_site = model.wrap_type[wraps] == mujoco.mjtWrap.mjWRAP_SITE
+        if not is_site.any():
+            continue
+        places = data.site_xpos[np.where(is_site, model.wrap_objid[wraps], 0)]
+        meets = (np.linalg.norm(np.diff(places, axis=0), axis=1) <= _COINCIDE) & is_site[1:] & is_site[:-1]
+        has_spring = model.tendon_stiffness[i] > 0
+        is_plain = len(wraps) == 2 and (not has_spring or model.tendon_lengthspring[i, 1] == 0)
+        if meets.any() and (is_loaded[i] or (has_spring and not is_plain)):
+            what = f"tendon {name_of(model, 'tendon', i)}: two of its sites are in one place, where it has no direction"
+            remedy = "start with the sites apart"
+            yield Spoiler(Culprit(what, (("tendon", i),)), remedy, measured_by=AGREEMENT)
+
+
+def clamped_tendons(question: Question) -> Iterator[Spoiler]:
+    """MJX divides by the force that it clamps, zero or not."""
+    model, data = question.model, question.data
+    pulls = model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON
+    for i in np.flatnonzero(model.tendon_actfrclimited).tolist():
+        if data.actuator_force[pulls & (model.actuator_trnid[:, 0] == i)].sum() == 0:
+            what = f"actuatorfrcrange of tendon {name_of(model, 'tendon', i)}: reverse mode is NaN where its actuators"
+            remedy = "give each actuator a forcerange instead"
+            culprit = Culprit(f"{what} pull with no force", (("tendon", i),))
+            yield Spoiler(culprit, remedy, measured_by="reverse mode")
+
+
+def drifting_equalities(question: Question) -> Iterator[Spoiler]:
+    """Joints made of equalities, in rotation."""
+    model = question.model
+    if model.opt.disableflags & (mjx.DisableBit.EQUALITY | mjx.DisableBit.CONSTRAINT):
+        return
+    for kind, name in ((mujoco.mjtEq.mjEQ_CONNECT, "connect"), (mujoco.mjtEq.mjEQ_WELD, "weld")):
+        for i in np.flatnonzero(model.eq_type == kind).tolist():
+            what = f"<{name}> {name_of(model, 'equality', i)}: MJX leaves out the part of its reference acceleration"
+            what += " that grows with the square of the angular speed"
+            yield Spoiler(Culprit(what, (("equality", i),)), EQUALITY_REMEDY, measured_by="parity")
+
+
 def _geoms(geoms: tuple[int, int]) -> tuple[tuple[str, int], ...]:
     return tuple(("geom", geom) for geom in geoms)
 
 
 DETECTORS = (
     native, passive_flags, solver, collisions, large_meshes, contact_limits, upright_capsules, differences_from_c,
-    far_away,
+    tendons_without_direction, clamped_tendons, drifting_equalities, far_away,
 )  # fmt: skip
