@@ -80,7 +80,7 @@ def parse_arguments() -> argparse.Namespace:
     begin = parser.add_mutually_exclusive_group()
     begin.add_argument("--state", type=Path, metavar="FILE", help="a .npz or .json with qpos, qvel, act, ctrl")
     begin.add_argument("--keyframe", metavar="NAME", help="default: start, else the first, else the initial pose")
-    parser.add_argument("--quick", action="store_true", help="leave out other modes, float32, and what it costs")
+    parser.add_argument("--quick", action="store_true", help="leave out float32, stock MJX, and what it costs")
     parser.add_argument("--estimators", action="store_true", help="ask too which gradient to follow: exact, stochastic")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the verdict there")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with the curves there")

@@ -60,7 +60,7 @@ def parse_arguments():
     parser.add_argument(
         "--steps", type=within(int, 1, MANY), default=100, metavar="N", help="time steps (default: %(default)s)"
     )
-    parser.add_argument("--quick", action="store_true", help="leave out other modes, float32, and what it costs")
+    parser.add_argument("--quick", action="store_true", help="leave out float32, stock MJX, and what it costs")
     parser.add_argument("--limit", type=float, default=10.0, metavar="MINUTES", help="a model (default: %(default)s)")
     parser.add_argument("--out", type=Path, default=Path("results/models"), metavar="DIR", help="default: %(default)s")
     args = parser.parse_args()

@@ -83,6 +83,19 @@ def wrong_at_a_kink(x):
 wrong_at_a_kink.defjvp(lambda primals, tangents: (wrong_at_a_kink(*primals), 7 * tangents[0][0] + tangents[0][1]))
 
 
+def flat_at_rest(x):
+    """As MJX has what turns or is stretched: below 1e-8 it is flat."""
+    return 2 * x[0] + 3 * jnp.sin(jnp.where(jnp.abs(x[0]) <= 1e-8, 0.0, x[0])) + x[1]
+
+
+@jax.custom_jvp
+def mended_at_rest(x):
+    return flat_at_rest(x)
+
+
+mended_at_rest.defjvp(lambda primals, tangents: (mended_at_rest(*primals), 5 * tangents[0][0] + tangents[0][1]))
+
+
 def drowned(x):
     """As `rough`, with more noise than slope."""
     return x.sum() + jax.lax.stop_gradient(jnp.sin(jnp.sqrt(2.0) * 1e9 * x[0] ** 2))
@@ -115,6 +128,8 @@ def rough(x):
         (cancelling, [1.05], Level.FAULT, "precision", "float32"),
         (wrong, [0.5, 1.0], Level.FAULT, "agreement", "wrong by 9e-02"),
         (wrong_at_a_kink, [0.0, 1.0], Level.FAULT, "agreement", "autodiff is neither, nor between them"),
+        (flat_at_rest, [0.0, 0.0], Level.FAULT, "agreement", "up to 1e-08, too short a piece to move on"),
+        (mended_at_rest, [0.0, 0.0], Level.FINE, None, "no check found a fault"),
         (drowned, [0.5, 1.0], Level.FAULT, "agreement", "over none of the steps does autodiff come within 10%"),
         (rough, [0.5, 1.0], Level.CARE, "agreement", "never settle"),
     ],

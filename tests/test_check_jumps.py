@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.checks.agreement import sweep
+from tog_mjx.checks.agreement import agreement, between_jumps, sweep
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.jumps import find_jumps, judge_jumps, lacks
 
@@ -26,6 +26,24 @@ def with_jumps(slope):
     function = jax.custom_jvp(lambda x: saw(x, 1e-3, -0.5))
     function.defjvp(lambda primals, tangents: (function(*primals), slope * tangents[0][0]))
     return function
+
+
+@pytest.mark.parametrize(
+    ("plain", "jumps", "level"), [(1.0, 0.9, Level.CARE), (1.1, 0.0, Level.FAULT), (1.1, 0.9, Level.FAULT)]
+)
+def test_jumps_that_short_differences_cannot_see_are_no_fault_but_a_wrong_slope_between_them_is(plain, jumps, level):
+    """A step of a gradient with jumps, whose one jump is 1e-4 away: differences say 1 at short steps."""
+    differences = sweep(lambda x: x + 1e-4 * (x > 1e-4), np.zeros(1), np.eye(1))
+    slopes = np.array([[plain + jumps]])
+    judged = agreement(slopes, differences)
+    assert judged.level == Level.FAULT
+    found = between_jumps(judged, slopes, np.array([[plain]]), differences)
+    assert found.level == level
+    if level == Level.CARE:
+        assert "between jumps autodiff agrees with differences to" in found.sentence
+        assert "47% of the gradient are jumps" in found.sentence
+    else:
+        assert found == judged
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from tog_mjx.scene import compile_model
 
 GALLERY = Path(__file__).parent / "scenes" / "verdicts"
 SCENES = tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]
-NOT_QUICK = ("precision", "reverse mode", "differentiation")
+NOT_QUICK = ("precision", "differentiation")
 """Checks that the quick version leaves out."""
 
 
@@ -36,7 +36,9 @@ def validate_verdict(found: dict) -> None:
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene["file"])
-def test_the_gallery_gets_its_verdicts(scene):
+def test_the_gallery_gets_its_verdicts(scene, monkeypatch):
+    # Compiled once more for each scene, and asked for in tests of its own.
+    monkeypatch.setattr("tog_mjx.checks.scene.reverse", lambda *_: Finding("reverse mode", Level.FINE, ""))
     model = compile_model(GALLERY / scene["file"])
     verdict = tog.check_scene(
         model,
@@ -211,6 +213,20 @@ def test_what_is_measured_overrules_what_is_feared(speed, word):
     assert "too coarsely stepped" in remark.sentence
     assert remark.level == (Level.FINE if word == "trust" else Level.CARE)
     assert ("'time step' has measured that it does no harm" in remark.sentence) == (word == "trust")
+
+
+def test_reverse_mode_is_asked_for_even_in_haste(pendulum):
+    """Forward mode selects one side of a `where`, reverse mode multiplies the other one's infinity by zero."""
+
+    def cost(data):
+        x = data.qpos[0]
+        return x + jax.numpy.where(x > 0.1, jax.numpy.sqrt(x), 0.0)
+
+    verdict = tog.check_scene(pendulum, steps=1, wrt="ctrl", output=cost, quick=True)
+    assert verdict.word == "do not trust"
+    assert verdict.reason
+    assert verdict.reason.check == "reverse mode"
+    assert verdict.gradient[0][0] > 0
 
 
 def test_a_start_is_a_keyframe_or_a_file(pendulum, tmp_path):

@@ -4,6 +4,7 @@ Long steps see curvature and jumps, short ones rounding and the solver's toleran
 differences mean something where a step and the next two shorter ones agree.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Callable
 from typing import NamedTuple
@@ -28,6 +29,9 @@ USABLE = 0.1
 NARROW = 1e-4
 """A gradient that shows the way no farther than this is one of a piece too short to descend on: 10,000 steps so short
 make one large displacement, and few descents take 1,000."""
+TINY = 1e-6
+"""Steps below a millionth see pieces that no descent meets: MJX takes lengths and rotations below 1e-8 for zero, and
+what moves is flat there. Differences mean these only where no longer ones settle."""
 OUTSIDE = "neither, nor between them"
 
 
@@ -66,14 +70,12 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
     """Does the gradient agree with differences, and over which distance does it hold?"""
     central = differences.central
     errors = np.array([relative(slopes, some) for some in central])
-    changes = np.array([relative(a, b) for a, b in itertools.pairwise(central)])
-    # Two steps may agree by chance, three hardly.
-    changes[:-1] = np.maximum(changes[:-1], changes[1:])
-    best = int(changes[:-1].argmin()) + 1
-    curves = {"step": differences.steps.tolist(), "error": errors.tolist(), "change": [*changes.tolist(), np.nan]}
+    changes = settling(differences)
+    best = int(changes.argmin())
+    curves = {"step": differences.steps.tolist(), "error": errors.tolist(), "change": changes.tolist()}
     holds = differences.steps[errors <= USABLE]
     reach = f"it holds to {USABLE:.0%} over steps of up to {holds.max():.0e}" if len(holds) else ""
-    error, settled, step = errors[best], changes[best - 1], differences.steps[best]
+    error, settled, step = errors[best], changes[best], differences.steps[best]
 
     def say(level: Level, sentence: str, remedy: str = "") -> Finding:
         return Finding("agreement", level, sentence, float(error), remedy, curves)
@@ -96,9 +98,13 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
             Level.FINE, f"autodiff agrees with central differences to {error:.0e} (at a step of {step:.0e}); {reach}"
         )
     if settled <= SETTLED:
+        is_flat = reach and holds.max() < TINY
+        told = f"autodiff is wrong by {error:.0e}: " + (
+            f"{reach}, too short a piece to move on, and " if is_flat else ""
+        )
         return say(
             Level.FAULT,
-            f"autodiff is wrong by {error:.0e}: differences settle elsewhere, to {settled:.0e} at a step of {step:.0e}",
+            told + f"differences settle elsewhere, to {settled:.0e} at a step of {step:.0e}",
             "see 'solver' and 'differentiation': a converged solver, or tog.step, may mend it",
         )
     # What is right at no step is confirmed by none; what is right over some is a gradient between jumps.
@@ -114,6 +120,38 @@ def relative(a: np.ndarray, b: np.ndarray) -> float:
     """How far apart two arrays are, relative to the larger one; 0 where both are 0, NaN where one is not finite."""
     size = max(np.linalg.norm(a), np.linalg.norm(b))
     return float(np.linalg.norm(a - b) / size) if size else 0.0
+
+
+def settling(differences: Sweep) -> Float[np.ndarray, " H"]:
+    """How much differences change from each step to its neighbours: two may agree by chance, three hardly.
+
+    Infinite where there is no neighbour, and at steps below `TINY` where longer ones settle.
+    """
+    changes = np.array([relative(a, b) for a, b in itertools.pairwise(differences.central)])
+    changes = np.maximum(changes[:-1], changes[1:])
+    is_seen = (changes <= SETTLED) & (differences.steps[2:] >= TINY)
+    is_left_out = is_seen.any() & (differences.steps[2:] < TINY) | np.isnan(changes)
+    return np.r_[np.inf, np.where(is_left_out, np.inf, changes), np.inf]
+
+
+def between_jumps(
+    judged: Finding, slopes: Float[np.ndarray, "m k"], plain: Float[np.ndarray, "m k"], differences: Sweep
+) -> Finding:
+    """What is said of a gradient with jumps that differences contradict, where `plain` is the gradient without them.
+
+    Short differences see a jump only where it lies between their points; a gradient with jumps has its share also where
+    it falls on another time step, next to the point.
+    """
+    without = agreement(plain, differences)
+    share = relative(plain, slopes)
+    if without.level == Level.FAULT or share <= ACCEPTED:
+        return judged
+    sentence = (
+        f"between jumps autodiff agrees with differences to {without.value:.0e}; {share:.0%} of the gradient are jumps "
+        "that the time grid has elsewhere, and short differences cannot see them"
+    )
+    remedy = "compare with differentiation='implicit', or average over a few starts, as far apart as jumps are"
+    return dataclasses.replace(judged, level=Level.CARE, sentence=sentence, value=without.value, remedy=remedy)
 
 
 def kink(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> str:

@@ -9,14 +9,13 @@ The slope over a window is that of least squares: the derivative of the function
 """
 
 import dataclasses
-import itertools
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.checks.agreement import SETTLED, USABLE, Sweep, relative
+from tog_mjx.checks.agreement import SETTLED, USABLE, Sweep, settling
 from tog_mjx.checks.finding import Finding, Level
 
 POINTS = 20
@@ -103,9 +102,8 @@ def _is_same(narrow: Jumps, wide: Jumps) -> bool:
 
 def _settled(differences: Sweep) -> int | None:
     """The step of differences that settle and see no jump; None if none do."""
-    changes = np.array([relative(a, b) for a, b in itertools.pairwise(differences.central)])
-    changes = np.r_[np.nan, np.maximum(changes[:-1], changes[1:]), np.nan]
-    settled = changes <= SETTLED  # Which NaN is not.
+    changes = settling(differences)
+    settled = changes <= SETTLED
     short = settled & (differences.steps <= SHORT)
     chosen = short if short.any() else settled
     return int(np.where(chosen, changes, np.inf).argmin()) if chosen.any() else None

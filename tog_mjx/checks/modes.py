@@ -1,6 +1,5 @@
 """Forward against reverse mode, and implicit against native differentiation: they must agree."""
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -65,7 +64,7 @@ def differentiation(simulation: Simulation, motion: Motion) -> Finding:
     """Implicit against native differentiation, in forward mode."""
     scene = simulation.scene
     other = "native" if scene.differentiation == "implicit" else "implicit"
-    found = Simulation(dataclasses.replace(scene, differentiation=other), simulation.directions, states=False).run()
+    found = simulation.differentiated(other)
     native, implicit = (found, motion) if other == "native" else (motion, found)
     level = Level.FAULT if other == "implicit" else Level.FINE
     remedy = "differentiate tog.step in place of mjx.step" if level else ""

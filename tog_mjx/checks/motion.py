@@ -3,6 +3,7 @@
 One compiled program serves most checks: the model, the state to start from and the number of steps are its arguments.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -92,6 +93,11 @@ class Simulation:
             geoms=found["geoms"].astype(int),
             correction=found["correction"],
         )
+
+    def differentiated(self, differentiation: str) -> Motion:
+        """The same motion, differentiated otherwise."""
+        scene = dataclasses.replace(self.scene, differentiation=differentiation)
+        return Simulation(scene, self.directions, states=False).run()
 
     def values(self, points: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
         """y at displacements x."""

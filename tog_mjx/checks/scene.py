@@ -1,6 +1,6 @@
 """The checks of a scene."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import jax
@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from tog_mjx._mjx import mjx
-from tog_mjx.checks.agreement import agreement, sweep
+from tog_mjx.checks.agreement import agreement, between_jumps, sweep
 from tog_mjx.checks.cost import cost
 from tog_mjx.checks.estimators import compare_estimators, steepest
 from tog_mjx.checks.failure import failure
@@ -58,7 +58,7 @@ def check_scene(
         actuators.
       path: the MJCF file that the model was read from: the preflight then names its lines, and variables move all that
         follows from them, see `tog.Parameter`.
-      quick: leaves out what compiles the motion again: other modes, float32 and the cost.
+      quick: leaves out what compiles the motion again: float32, stock MJX, the cost, and of a fault reverse mode.
       estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of
         several outputs, to lower the one whose derivative is largest.
 
@@ -98,7 +98,7 @@ def check_scene(
         try:
             simulation = Simulation(scene, directions)
             motion = simulation.run()
-            for name, check in _checks(simulation, motion, names, quick, estimators):
+            for name, check in _checks(simulation, motion, names, findings, quick, estimators):
                 say(name, None)
                 findings.append(check())
                 say(name, findings[-1])
@@ -122,9 +122,17 @@ def check_scene(
 
 
 def _checks(
-    simulation: Simulation, motion: Motion, names: tuple[str, ...], quick: bool, estimators: bool
+    simulation: Simulation,
+    motion: Motion,
+    names: tuple[str, ...],
+    found: Sequence[Finding],
+    quick: bool,
+    estimators: bool,
 ) -> Iterator[tuple[str, Callable[[], Finding]]]:
-    """What to run, in the order of what spoils most. Nothing else means anything where the gradient is not finite."""
+    """What to run, in the order of what spoils most, given what is `found` so far.
+
+    Nothing else means anything where the gradient is not finite.
+    """
     yield "finite", lambda: finite(motion)
     has_rival = simulation.scene.differentiation != "saltation"  # Stock MJX has no gradient with jumps.
     if not np.isfinite(motion.slopes).all():
@@ -151,8 +159,15 @@ def _checks(
     jumps = find_jumps(simulation.values, np.zeros(n), simulation.directions, differences)
     where = lambda some: touch_down(simulation, *some.sides)  # noqa: E731
     lengths = np.linalg.norm(simulation.directions, axis=0)
-    plain = lambda: agreement(motion.slopes, differences)  # noqa: E731
-    yield "agreement", lambda: judge_jumps(plain(), motion.slopes, jumps, names, scene.outputs, where, lengths)
+
+    def agree() -> Finding:
+        plain = agreement(motion.slopes, differences)
+        judged = judge_jumps(plain, motion.slopes, jumps, names, scene.outputs, where, lengths)
+        if judged.level < Level.FAULT or scene.differentiation != "saltation" or (jumps and jumps.are_many):
+            return judged
+        return between_jumps(judged, motion.slopes, simulation.differentiated("implicit").slopes, differences)
+
+    yield "agreement", agree
     if lacks(motion.slopes, jumps):
         yield "time step", lambda: Finding("time step", Level.FINE, "not halved: no time step mends 'agreement'")
     else:
@@ -162,7 +177,9 @@ def _checks(
     yield "parity", lambda: parity(simulation, motion)
     if not quick:
         yield "precision", lambda: precision(simulation, motion)
+    if not quick or all(some.level < Level.FAULT for some in found):  # It changes no verdict of a fault.
         yield "reverse mode", lambda: reverse(simulation, motion)
+    if not quick:
         if has_rival:
             yield "differentiation", lambda: differentiation(simulation, motion)
         yield "cost", lambda: cost(simulation)
