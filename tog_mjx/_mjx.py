@@ -6,10 +6,13 @@ which versions are let in. `tests/test_mjx_private.py` holds every one of these 
 """
 
 import contextlib
+import functools
 import importlib.metadata
+import importlib.util
 import io
 import threading
 from collections.abc import Iterator
+from types import ModuleType, SimpleNamespace
 from typing import Any, NamedTuple
 
 import jax
@@ -18,7 +21,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.safe import arccos, arcsin, impedance, rotation_vector, safe_norm, sqrt, with_derivative_of
+from tog_mjx.safe import arccos, arcsin, impedance, rotation_vector, safe_norm, safe_sqrt, sqrt, with_derivative_of
 
 OLDEST, NEXT = (3, 17), (4, 0)
 FLUID = ("opt.density", "opt.viscosity", "opt.wind")
@@ -41,6 +44,7 @@ with contextlib.redirect_stdout(io.StringIO()):
     from mujoco.mjx._src import constraint as _constraint
     from mujoco.mjx._src import math as _math
     from mujoco.mjx._src import ray as _ray
+    from mujoco.mjx._src import solver as _solver
     from mujoco.mjx._src import support as _support
     from mujoco.mjx._src.collision_driver import geom_pairs as geom_pairs
     from mujoco.mjx._src.collision_driver import has_collision_fn as has_collision_fn
@@ -211,3 +215,31 @@ def with_forces_of(model: mjx.Model, array: str) -> mjx.Model:
     if array in FLUID and model.opt.integrator != mjx.IntegratorType.IMPLICITFAST:
         return model.tree_replace({"opt._impl.has_fluid_params": True})
     return model
+
+
+def unrolled_solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """`mjx.solve`, by the same operations in a loop of known length, which reverse mode can go back through."""
+    return _unrolled_solver(model.opt.iterations).solve(model, data)
+
+
+@functools.cache
+def _unrolled_solver(iterations: int) -> ModuleType:
+    """A second copy of MJX's module, that of others is left alone: its loop is a scan, in which iterations after the
+    last do nothing, and the root of a sliding speed has a derivative at zero, where an open contact is."""
+    spec = importlib.util.find_spec(_solver.__name__)
+    assert spec is not None
+    assert spec.loader is not None
+    copy = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(copy)
+
+    def loop(condition, body, start):
+        return _solver._while_loop_scan(condition, body, start, iterations)
+
+    copy.jax = _with(jax, lax=_with(jax.lax, while_loop=loop))  # type: ignore[attr-defined]
+    copy.jp = _with(jnp, sqrt=safe_sqrt)  # type: ignore[attr-defined]
+    return copy
+
+
+def _with(module: ModuleType, **others: object) -> SimpleNamespace:
+    """The names of a module, some of them for something else."""
+    return SimpleNamespace(**{**vars(module), **others})

@@ -1,5 +1,8 @@
 """A drop-in for `mjx.step` whose value is MJX's and whose derivative is right: implicit differentiation.
 
+A solver that stops after a few iterations is differentiated otherwise, see `tog_mjx.unrolled`; what follows is about
+one that has converged.
+
 MJX's solver finds the acceleration q [nv] at which
 
     r(q; p) = M q - f_smooth - J^T f(J q - a_ref) = 0,
@@ -40,9 +43,11 @@ from tog_mjx._mjx import constraint_rows, mended, mjx, tendon_jacobian, with_con
 from tog_mjx.constraints import Rows, constraint_force, constraint_hessian, read_rows, require_jax, residual
 from tog_mjx.errors import require_choice
 from tog_mjx.integration import integrate
-from tog_mjx.safe import with_derivative_of
+from tog_mjx.safe import moved_along, with_derivative_of
 from tog_mjx.saltation import effects, gaps
 from tog_mjx.state import require_on_mjx, require_state
+from tog_mjx.unrolled import is_unrolled, jvp_along
+from tog_mjx.unrolled import solve as solve_unrolled
 
 Step = Callable[[mjx.Model, mjx.Data], mjx.Data]
 _SOLUTION = "tog_mjx solution"
@@ -52,11 +57,12 @@ def step(model: mjx.Model, data: mjx.Data, *, differentiation: str = "implicit")
     """Advances the simulation by one time step: same value as `mjx.step`, differentiable in both modes.
 
     Args:
-      differentiation: "implicit": the gradient is that of the converged solution, whatever the number of iterations
-        that the solver took; with an unconverged solver it is not the gradient of the value. At the kinks of the
-        contact law (stick to slip) it is one-sided, and of the jump of a touch-down it knows nothing.
-        "saltation": the same, and the jumps of touch-downs and partings, of contacts and limits, averaged over where
-        time steps fall (`tog_mjx.touch`). "native": stock `mjx.step`. The warm start carries no gradient.
+      differentiation: "implicit": the gradient is that of the converged solution, or, with fewer `iterations` than
+        `tog_mjx.unrolled.FEW`, that of those iterations; with more, and yet not converged, it is not the gradient of
+        the value. At the kinks of the contact law (stick to slip) it is one-sided, and of the jump of a touch-down it
+        knows nothing. "saltation": the same, and the jumps of touch-downs and partings, of contacts and limits,
+        averaged over where time steps fall (`tog_mjx.touch`). "native": stock `mjx.step`. The warm start carries a
+        gradient only where iterations are differentiated.
 
     Raises:
       InputError: for a model that is not on MJX's JAX implementation, data of another one, or an unknown
@@ -84,17 +90,28 @@ def forward(model: mjx.Model, data: mjx.Data, saltation: bool = False) -> mjx.Da
     rows, mass = read_rows(model, data), mjx.full_m(model, data)
     if rows.jacobian.size == 0:
         return data.replace(qacc=data.qacc_smooth)
+    if is_unrolled(model):
+        qacc, generalised, force = checkpoint_name(solve_unrolled(model, data), _SOLUTION)
+    else:
+        qacc, generalised, force = _implicit(model, data, mass, rows)
+    if saltation:
+        before = qacc
+        qacc, force = _switched((qacc, force), gaps(model, data), (model, data, mass, rows))
+        # Those of rows that are about to act are in it too.
+        generalised = with_derivative_of(generalised, generalised + mass @ (qacc - before))
+    data = with_constraint_force(data.replace(qacc=qacc, qfrc_constraint=generalised), force)
+    return mjx.sensor_acc(model, data)
+
+
+def _implicit(
+    model: mjx.Model, data: mjx.Data, mass: Float[Array, "nv nv"], rows: Rows
+) -> tuple[Float[Array, " nv"], Float[Array, " nv"], Float[Array, " nefc"]]:
+    """The solution, the constraint forces and those of the rows: MJX's, with the derivative of the converged ones."""
     solved = jax.lax.stop_gradient(mjx.solve(*jax.lax.stop_gradient((model, data))))
     qacc = _differentiable(checkpoint_name(solved.qacc, _SOLUTION), mass, data.qfrc_smooth, rows)
     force = constraint_force(rows, rows.at(qacc))
-    if saltation:
-        qacc, force = _switched((qacc, force), gaps(model, data), (model, data, mass, rows))
-        generalised = mass @ qacc - data.qfrc_smooth  # Those of rows that are about to act are in it too.
-    else:
-        generalised = rows.jacobian.T @ force
-    forces = with_derivative_of((solved.qfrc_constraint, constraint_rows(solved).force), (generalised, force))
-    data = with_constraint_force(data.replace(qacc=qacc, qfrc_constraint=forces[0]), forces[1])
-    return mjx.sensor_acc(model, data)
+    given = solved.qfrc_constraint, constraint_rows(solved).force
+    return qacc, *with_derivative_of(given, (rows.jacobian.T @ force, force))
 
 
 def _checkpointed(forward: Callable[[mjx.Model, mjx.Data], mjx.Data]) -> Step:
@@ -160,8 +177,8 @@ def _jvp(primals: tuple, tangents: tuple) -> tuple[Array, Array]:
     # this function again carries all; but `scan` in reverse mode drops the rule of what it computes on the way
     # forward, and differentiates the function in its place, which passes its argument on.
     correction = -cho_solve(factors, residual(solution, *parameters))
-    qacc = _differentiable(with_derivative_of(solution, solution + correction), *parameters)
-    residual_dot = _jvp_along(functools.partial(residual, qacc), parameters, tangents[1:])
+    qacc = _differentiable(moved_along(solution, solution + correction), *parameters)
+    _, residual_dot = jvp_along(functools.partial(residual, qacc), parameters, tangents[1:])
     hessian = _hessian(qacc, *parameters)
     qacc_dot = jax.lax.custom_linear_solve(
         lambda x: hessian @ x, -residual_dot, lambda _, b: cho_solve(factors, b), symmetric=True
@@ -179,19 +196,6 @@ def _hessian(
 
 
 _differentiable.defjvp(_jvp, symbolic_zeros=True)
-
-
-def _jvp_along(function: Callable[..., Array], primals: tuple, tangents: tuple) -> Array:
-    """`jax.jvp` of `function` along those tangents that are not known to be zero."""
-    leaves, tree = jax.tree.flatten(primals)
-    dots = jax.tree.leaves(tangents, is_leaf=lambda dot: isinstance(dot, SymbolicZero))
-    moving = [i for i, dot in enumerate(dots) if not isinstance(dot, SymbolicZero)]
-
-    def of_moving(values: list[Array]) -> Array:
-        given = dict(zip(moving, values, strict=True))
-        return function(*jax.tree.unflatten(tree, [given.get(i, leaf) for i, leaf in enumerate(leaves)]))
-
-    return jax.jvp(of_moving, ([leaves[i] for i in moving],), ([dots[i] for i in moving],))[1]
 
 
 @jax.custom_jvp

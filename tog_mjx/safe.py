@@ -13,9 +13,26 @@ from jaxtyping import Array, Float
 Tree = TypeVar("Tree")
 
 
-def with_derivative_of(value: Tree, differentiable: Tree) -> Tree:
+def moved_along(value: Tree, differentiable: Tree) -> Tree:
     """The first argument's value, to the bit, with the second one's derivative; they are equal up to rounding."""
-    return jax.tree.map(lambda v, d: jax.lax.stop_gradient(v) + (d - jax.lax.stop_gradient(d)), value, differentiable)
+    held = jax.lax.stop_gradient
+    return jax.tree.map(lambda v, d: held(v) + (d - held(d)), value, differentiable)
+
+
+@jax.custom_jvp
+def with_derivative_of(value: Tree, differentiable: Tree) -> Tree:
+    """The same, and where nothing is differentiated the second argument is not computed.
+
+    Not for use in rules of derivatives: `scan` in reverse mode drops the rules of what it computes on the way forward,
+    this one as well, and second derivatives would be lost.
+    """
+    del differentiable
+    return value
+
+
+@with_derivative_of.defjvp
+def _(primals: tuple[Tree, Tree], tangents: tuple[Tree, Tree]) -> tuple[Tree, Tree]:
+    return moved_along(*primals), tangents[1]
 
 
 def regular(function: Callable[[Array], Array], low: float, high: float) -> Callable[[Array], Array]:
@@ -41,9 +58,13 @@ sqrt, arcsin, arccos = (
 
 def safe_norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """Euclidean norm over the last axis. At the zero vector it returns zero, and its gradient there is zero."""
-    squared = jnp.sum(x * x, axis=-1)
-    is_zero = squared == 0
-    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, squared)))
+    return safe_sqrt(jnp.sum(x * x, axis=-1))
+
+
+def safe_sqrt(x: Float[Array, "*any"]) -> Float[Array, "*any"]:
+    """The square root; at zero its gradient is zero."""
+    is_zero = x == 0
+    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, x)))
 
 
 def cos_sinc(squared: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
