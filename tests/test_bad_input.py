@@ -149,3 +149,8 @@ def test_an_objective_can_be_pickled(task):
 def test_parameters_that_are_none(source, name, message):
     with pytest.raises(tog.InputError, match=message):
         tog.Parameter(source, name)
+
+
+def test_a_model_that_cannot_be_converged():
+    with pytest.raises(tog.InputError, match=r"the model is of type str; give an mjx\.Model or a mujoco\.MjModel"):
+        tog.converged("scene.xml")

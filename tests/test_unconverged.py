@@ -1,6 +1,7 @@
 """Solvers that stop early, as those of the models of reinforcement learning do: the derivative is that of the value."""
 
 import functools
+import warnings
 
 import jax
 import jax.numpy as jnp
@@ -8,9 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from tog_mjx._mjx import mjx, put_model
+import tog_mjx as tog
+from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.implicit import STEPS
-from tog_mjx.state import default_start, on_mjx, state_of
+from tog_mjx.state import copy_of, default_start, on_mjx, state_of
 from tog_mjx.step_check import compile_quickly
 
 # A ball between the floor, two limits and a dry friction: two iterations do not do. The other ball is not touched: at
@@ -60,3 +62,54 @@ def test_the_derivative_of_an_early_stop_is_that_of_the_value(cone, solver):
     np.testing.assert_allclose(value, expected[1], rtol=1e-11)
     np.testing.assert_allclose(forward, differences, rtol=0, atol=1e-6 * np.abs(differences).max())
     np.testing.assert_allclose(reverse, weights @ forward, rtol=1e-9)
+
+
+def test_the_converged_model_moves_as_its_solution_does():
+    """Newton's steps in C MuJoCo with all the iterations it may want, and nothing of MJX."""
+    source = mujoco.MjModel.from_xml_string(PRESSED.format(cone="pyramidal", solver="CG", iterations=2))
+    model, exact = put_model(source), tog.converged(source)
+    assert (source.opt.solver, source.opt.iterations) == (mujoco.mjtSolver.mjSOL_CG, 2)
+    start = default_start(source)
+    paths = {}
+    for name, some in (("given", source), ("exact", exact)):
+        state, path = copy_of(some, start), []
+        for _ in range(TIMES):
+            mujoco.mj_step(some, state)
+            path.append(state.qpos.copy())
+        paths[name] = np.array(path)
+    data = on_mjx(model, start)
+    _, (moved, _) = tog.simulate(tog.converged(model), data, data.ctrl, TIMES)
+    np.testing.assert_allclose(moved, paths["exact"], rtol=0, atol=1e-10)
+    error = tog.solver_error(model, data, data.ctrl, TIMES)
+    _, (given, _) = tog.simulate(model, data, data.ctrl, TIMES)
+    np.testing.assert_allclose(error, np.abs(given - paths["exact"]).max(0), rtol=1e-6)
+    assert error.max() > 1e-5
+    assert tog.solver_error(tog.converged(model), data, data.ctrl, TIMES).max() == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"opt.ls_iterations": 2}, "ls_iterations=2"),
+        ({"opt.tolerance": 1e-3}, "tolerance=0.001"),
+        ({"opt.iterations": 1, "opt.ls_iterations": 2}, ""),  # Unrolled: right all the same.
+        ({}, ""),
+    ],
+)
+def test_who_differentiates_what_may_be_unconverged_is_told(options, told):
+    model = put_model(mujoco.MjModel.from_xml_string(PRESSED.format(cone="pyramidal", solver="Newton", iterations=50)))
+    model = model.tree_replace({"opt.ls_iterations": 50, **options})
+    data = make_data(model)
+
+    def velocity(ctrl):
+        return tog.step(model, data.replace(ctrl=ctrl)).qvel[0]
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        jax.eval_shape(velocity, data.ctrl)
+        assert not caught
+        jax.eval_shape(jax.grad(velocity), data.ctrl)
+    assert len(caught) == bool(told)
+    for warning in caught:
+        assert told in str(warning.message)
+        assert str(warning.message).endswith("simulate tog_mjx.converged(model)")

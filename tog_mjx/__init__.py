@@ -3,6 +3,8 @@
 from tog_mjx import _mujoco as _mujoco  # First of all: what follows imports MuJoCo.
 from tog_mjx.checks.function import check as check
 from tog_mjx.checks.scene import check_scene as check_scene
+from tog_mjx.converged import converged as converged
+from tog_mjx.converged import solver_error as solver_error
 from tog_mjx.errors import InputError as InputError
 from tog_mjx.implicit import step as step
 from tog_mjx.parameter import Parameter as Parameter

@@ -1,7 +1,7 @@
 """A drop-in for `mjx.step` whose value is MJX's and whose derivative is right: implicit differentiation.
 
-A solver that stops after a few iterations is differentiated otherwise, see `tog_mjx.unrolled`; what follows is about
-one that has converged.
+A solver that stops after a few iterations is differentiated otherwise, see `tog_mjx.unrolled`. This is about one that
+has converged.
 
 MJX's solver finds the acceleration q [nv] at which
 
@@ -46,7 +46,7 @@ from tog_mjx.integration import integrate
 from tog_mjx.safe import moved_along, with_derivative_of
 from tog_mjx.saltation import effects, gaps
 from tog_mjx.state import require_on_mjx, require_state
-from tog_mjx.unrolled import is_unrolled, jvp_along
+from tog_mjx.unrolled import doubt, is_unrolled, jvp_along, telling
 from tog_mjx.unrolled import solve as solve_unrolled
 
 Step = Callable[[mjx.Model, mjx.Data], mjx.Data]
@@ -58,11 +58,12 @@ def step(model: mjx.Model, data: mjx.Data, *, differentiation: str = "implicit")
 
     Args:
       differentiation: "implicit": the gradient is that of the converged solution, or, with fewer `iterations` than
-        `tog_mjx.unrolled.FEW`, that of those iterations; with more, and yet not converged, it is not the gradient of
-        the value. At the kinks of the contact law (stick to slip) it is one-sided, and of the jump of a touch-down it
-        knows nothing. "saltation": the same, and the jumps of touch-downs and partings, of contacts and limits,
-        averaged over where time steps fall (`tog_mjx.touch`). "native": stock `mjx.step`. The warm start carries a
-        gradient only where iterations are differentiated.
+        `tog_mjx.unrolled.FEW`, that of those iterations. With more, and yet not converged, it is not that of the value:
+        a warning says so where the settings tell, and `tog_mjx.converged` mends it. At the kinks of the contact law
+        (stick to slip) it is one-sided, and of the jump of a touch-down it knows nothing. "saltation": the same, and
+        the jumps of touch-downs and partings, of contacts and limits, averaged over where time steps fall
+        (`tog_mjx.touch`). "native": stock `mjx.step`. The warm start carries a gradient only where iterations are
+        differentiated.
 
     Raises:
       InputError: for a model that is not on MJX's JAX implementation, data of another one, or an unknown
@@ -118,9 +119,16 @@ def _checkpointed(forward: Callable[[mjx.Model, mjx.Data], mjx.Data]) -> Step:
     # Reverse mode would store hundreds of small arrays a step. Storing the state and the solver's answer, and computing
     # the rest again on the way back, is faster, and takes a hundredth of the memory.
     policy = jax.checkpoint_policies.save_only_these_names(_SOLUTION)
-    return jax.checkpoint(
+    step = jax.checkpoint(
         lambda model, data: integrate(model, forward(model, data), forward), policy=policy, prevent_cse=False
     )
+
+    def telling_step(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+        # Out here, as inside of a checkpoint the settings are not known.
+        told, after = doubt(model), step(model, data)
+        return after.replace(qvel=telling(told, after.qvel)) if told and constraint_rows(after).D.size else after
+
+    return telling_step
 
 
 FORWARDS: dict[str, Step] = {

@@ -7,18 +7,23 @@ few iterations again.
 """
 
 import functools
+import warnings
 from collections.abc import Callable
 from typing import Any
 
 import jax
+import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
 from tog_mjx._mjx import constraint_rows, mjx, unrolled_solve
+from tog_mjx.safe import Tree
 
 FEW = {mjx.SolverType.NEWTON: 10, mjx.SolverType.CG: 20}
 """Solvers of fewer iterations are unrolled. Newton's method takes two or three where its start is good, conjugate
 gradients some ten, and more where contacts come and go."""
+SHORT_SEARCH, LOOSE = 5, 1e-6
+"""Solvers of fewer steps of line search, or of a larger tolerance, may stop before they have converged, too."""
 Solved = tuple[Array, Array, Array]
 
 
@@ -36,6 +41,34 @@ def solve(model: mjx.Model, data: mjx.Data) -> Solved:
 @functools.partial(solve.defjvp, symbolic_zeros=True)
 def _(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
     return jvp_along(lambda model, data: _of(unrolled_solve(model, data)), primals, tangents)
+
+
+def doubt(model: mjx.Model) -> str:
+    """What of the settings may leave the solver unconverged though it is not unrolled, with the remedy; or nothing."""
+    option, doubts = model.opt, []
+    if is_unrolled(model):
+        return ""
+    if option.ls_iterations < SHORT_SEARCH:
+        doubts.append(f"ls_iterations={option.ls_iterations}")
+    if not isinstance(option.tolerance, jax.core.Tracer) and (loose := np.asarray(option.tolerance).max()) > LOOSE:
+        doubts.append(f"tolerance={loose:g}")
+    if not doubts:
+        return ""
+    told = f"with {', '.join(doubts)} the solver may stop before it has converged, and derivatives are not the value's"
+    return f"{told}; simulate tog_mjx.converged(model)"
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
+def telling(told: str, x: Tree) -> Tree:
+    """`x`; whoever differentiates it is warned."""
+    del told
+    return x
+
+
+@telling.defjvp
+def _(told: str, primals: tuple[Tree], tangents: tuple[Tree]) -> tuple[Tree, Tree]:
+    warnings.warn(told, stacklevel=2)
+    return primals[0], tangents[0]
 
 
 def _of(data: mjx.Data) -> Solved:

@@ -14,6 +14,7 @@ from tog_mjx._mjx import mjx
 from tog_mjx.checks.finding import Level
 from tog_mjx.parameter import Parameter
 from tog_mjx.supported import Culprit, candidates, has_constraints, has_fluid, name_of, type_of
+from tog_mjx.unrolled import LOOSE, SHORT_SEARCH
 
 
 class Question(NamedTuple):
@@ -52,9 +53,8 @@ _MANY_VERTICES = 200
 """Of a hull: MJX goes through pairs of edges, so that time and memory grow with the square."""
 EQUALITY_REMEDY = "use a joint, or a shorter time constant in its solref, by which it gives way less"
 _FEW_ITERATIONS = {mjx.SolverType.NEWTON: 5, mjx.SolverType.CG: 20}
-_FEW_OF_LINE_SEARCH, _LOOSE = 5, 1e-6
-"""Fewer, or a looser tolerance, may leave contacts unconverged. Whether they do, the check of the solver measures, in
-every scene: nothing is lost if this is told in vain, or not told."""
+"""Fewer may leave contacts unconverged. Whether they do, the check of the solver measures, in every scene: nothing is
+lost if this is told in vain, or not told."""
 COARSE = 0.3
 """Of a frequency times the time step: semi-implicit Euler's error of the phase is its square over 24, a period: 0.4 %,
 or after 60 periods a quarter of one, where a derivative that was largest is zero."""
@@ -134,12 +134,12 @@ def solver(question: Question) -> Iterator[Spoiler]:
     if not has_constraints(question.model):
         return
     few = _FEW_ITERATIONS[mjx.SolverType(option.solver)]
-    for attribute, least in (("iterations", few), ("ls_iterations", _FEW_OF_LINE_SEARCH)):
+    for attribute, least in (("iterations", few), ("ls_iterations", SHORT_SEARCH)):
         if (given := getattr(option, attribute)) < least:
             what = f"<option {attribute}='{given}'>: the solver may stop before it has converged"
             remedy = "give 50 or more, and the motion and its gradient are those of the scene, not of the solver"
             yield Spoiler(Culprit(what, attribute=attribute), remedy, measured_by="solver")
-    if option.tolerance > _LOOSE:
+    if option.tolerance > LOOSE:
         what = f"<option tolerance='{option.tolerance:g}'>: the solver may stop before it has converged"
         yield Spoiler(Culprit(what, attribute="tolerance"), "give 1e-8 or less", measured_by="solver")
 
