@@ -46,8 +46,9 @@ _TENSOR = "inertia tensor"
 
 
 class Followers(NamedTuple):
-    """`rates`: by array, the derivative [size, n] of all its numbers in the n asked for, of the asked array too.
-    `behind`: the arrays that should move, and do not, as it is not known by how much."""
+    """`rates`: by array, the derivative [size, n] of all its numbers in the n asked for; of the asked array itself only
+    where those do not move alone, as in a quaternion, which stays one. `behind`: the arrays that should move, and do
+    not, as it is not known by how much."""
 
     rates: dict[str, Float[np.ndarray, "size n"]]
     behind: tuple[str, ...] = ()
@@ -57,8 +58,10 @@ def followers(
     model: mujoco.MjModel, array: str, chosen: Int[np.ndarray, " n"], spec: mujoco.MjSpec | None = None
 ) -> Followers:
     """Of the numbers `chosen` of an array of `mjx.Model`; `spec` is what the model was compiled from, if known."""
-    own = np.stack([_own(model, array, entry) for entry in chosen.tolist()], axis=1)
-    rates, behind = {array: own}, set()
+    rates: Arrays = {}
+    behind: set[str] = set()
+    if _is_quaternion(array):
+        rates[array] = np.stack([_own(model, array, entry) for entry in chosen.tolist()], axis=1)
     with without_warnings():
         for column, entry in enumerate(chosen.tolist() if array in LEADERS else ()):
             found = _column(model, array, entry, functools.partial(_compiled, spec, model, array, entry))
@@ -84,7 +87,7 @@ def compiled(spec: mujoco.MjSpec) -> tuple[mujoco.MjModel, mujoco.MjSpec]:
     try:
         with without_warnings():
             return spec.compile(), spec
-    except ValueError as error:
+    except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"the MjSpec does not compile: {' '.join(str(error).split())}") from None
 
 
@@ -113,15 +116,19 @@ def _arrays(model: mujoco.MjModel) -> Arrays:
 
 
 def _own(model: mujoco.MjModel, array: str, entry: int) -> Float[np.ndarray, " size"]:
-    """How an array moves with a number of itself; of a quaternion it stays one."""
-    value = np.asarray(attribute(model, array))  # A single number of the options is no array.
+    """How an array moves with a number of itself."""
+    value = attribute(model, array)
     unit = np.zeros(value.size)
     unit[entry] = 1.0
-    if array.endswith("quat"):
+    if _is_quaternion(array):
         first = entry // 4 * 4
         quaternion = value.ravel()[first : first + 4]
         unit[first : first + 4] -= quaternion * quaternion[entry - first]
     return unit
+
+
+def _is_quaternion(array: str) -> bool:
+    return array.endswith("quat")
 
 
 def _column(
@@ -157,7 +164,7 @@ def _compiled(spec: mujoco.MjSpec | None, model: mujoco.MjModel, array: str, ent
         return None
     try:
         return _arrays(changed.compile())
-    except ValueError:
+    except (ValueError, mujoco.FatalError):
         return None
 
 

@@ -30,9 +30,9 @@ class Parameter:
 
     Args:
       source: the MjSpec, or the compiled model.
-      origin: what that model was compiled from, an MjSpec or the path of an MJCF file; without it inertias stay behind.
       name: an array of floats of `mjx.Model`, or one number of it: "geom_size", "geom_friction[2, 0]"; with "field:"
         before it, the array moves alone.
+      origin: what that model was compiled from, an MjSpec or the path of an MJCF file; without it inertias stay behind.
 
     Raises:
       InputError: for a source of another kind, or a name that is not in the model.
@@ -48,7 +48,6 @@ class Parameter:
         name = name.removeprefix(ALONE)
         self.array = array_name(name)
         field = field_of(self.model, self.array)
-        self.shape = field.shape
         self.chosen: Int[np.ndarray, " n"] = entries(name, field.shape)
         if not len(self.chosen):
             raise InputError(f"the model has no {name}: choose another array")
@@ -60,10 +59,9 @@ class Parameter:
 
     def in_c(self, x: Float[AnyArray, " n"]) -> mujoco.MjModel:
         """The same model of C MuJoCo: a copy."""
-        changed, change = copy.copy(self.model), np.asarray(x) - self.value
+        changed, on_mjx = copy.copy(self.model), self(x)
         for name in self.arrays:
-            value = np.asarray(attribute(changed, name))
-            assign(changed, name, value + (self.followers.rates[name] @ change).reshape(value.shape))
+            assign(changed, name, np.asarray(attribute(on_mjx, name)))
         return changed
 
     @functools.cached_property
@@ -74,13 +72,16 @@ class Parameter:
     @property
     def arrays(self) -> tuple[str, ...]:
         """All that moves."""
-        return (self.array,) if self.is_alone else tuple(self.followers.rates)
+        return (self.array,) if self.is_alone else tuple({self.array: None, **self.followers.rates})
 
     def moved(self, model: mjx.Model, change: Float[Array, " n"]) -> mjx.Model:
         """Such a model with these numbers, and what follows from them, displaced."""
         found = {}
         for name in self.arrays:
             value = attribute(model, name)
-            rate = jnp.asarray(self.followers.rates[name], value.dtype)
-            found[name] = value + (rate @ change).reshape(value.shape)
+            if name in self.followers.rates:
+                moved = jnp.asarray(self.followers.rates[name], value.dtype) @ change
+            else:
+                moved = jnp.zeros(value.size, value.dtype).at[self.chosen].set(change)
+            found[name] = value + moved.reshape(value.shape)
         return with_forces_of(model.tree_replace(found), self.array)
