@@ -57,7 +57,7 @@ def test_jumps_that_short_differences_cannot_see_are_no_fault_but_a_wrong_slope_
         (with_jumps(0.4), 0.30003, Level.CARE, "has the jumps, as they lie on the grid of time steps"),
         (with_jumps(3.0), 0.30003, Level.FAULT, "autodiff is wrong"),
         (lambda x: x[0] + jnp.tanh(1e4 * x[0]), 0.003, Level.CARE, "the function jumps within 0.03"),
-        (lambda x: jnp.tanh(1e4 * x[0]), 0.0, Level.CARE, "over steps of up to 3e-05 only"),
+        (lambda x: jnp.tanh(1e4 * x[0]), 0.0, Level.CARE, "over steps of up to 3e-05 of a variable's size only"),
         (lambda x: jnp.floor(3 * x[0]) + x[0], 0.6, Level.CARE, "the function jumps within 0.1"),
         (lambda x: jnp.abs(x[0]) + 2 * x[0], 0.0, Level.CARE, "kink"),
         (lambda x: x[0] + 3e-3 * jnp.sin(300 * x[0]), 0.3005, Level.CARE, "differences settle twice"),

@@ -32,6 +32,8 @@ make one large displacement, and few descents take 1,000."""
 TINY = 1e-6
 """Steps below a millionth see pieces that no descent meets: MJX takes lengths and rotations below 1e-8 for zero, and
 what moves is flat there. Differences mean these only where no longer ones settle."""
+_SIZE = "a variable's size"
+"""What steps are relative to: the length of a direction."""
 OUTSIDE = "neither, nor between them"
 
 
@@ -74,7 +76,7 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
     best = int(changes.argmin())
     curves = {"step": differences.steps.tolist(), "error": errors.tolist(), "change": changes.tolist()}
     holds = differences.steps[errors <= USABLE]
-    reach = f"it holds to {USABLE:.0%} over steps of up to {holds.max():.0e}" if len(holds) else ""
+    reach = f"it holds to {USABLE:.0%} over steps of up to {holds.max():.0e} of {_SIZE}" if len(holds) else ""
     error, settled, step = errors[best], changes[best], differences.steps[best]
 
     def say(level: Level, sentence: str, remedy: str = "") -> Finding:
@@ -95,7 +97,8 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
             remedy = "treat it as the gradient of a short piece: take small steps, or smooth the objective"
             return say(Level.CARE, f"autodiff agrees with differences to {error:.0e}, but {reach} only", remedy)
         return say(
-            Level.FINE, f"autodiff agrees with central differences to {error:.0e} (at a step of {step:.0e}); {reach}"
+            Level.FINE,
+            f"autodiff agrees with central differences to {error:.0e} (at a step of {step:.0e} of {_SIZE}); {reach}",
         )
     if settled <= SETTLED:
         is_flat = reach and holds.max() < TINY
@@ -104,7 +107,7 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
         )
         return say(
             Level.FAULT,
-            told + f"differences settle elsewhere, to {settled:.0e} at a step of {step:.0e}",
+            told + f"differences settle elsewhere, to {settled:.0e} at a step of {step:.0e} of {_SIZE}",
             "see 'solver' and 'differentiation': a converged solver, or tog.step, may mend it",
         )
     # What is right at no step is confirmed by none; what is right over some is a gradient between jumps.
