@@ -161,6 +161,22 @@ def test_a_cylinders_distance_is_mjxs_and_has_its_derivatives_of_two_orders():
         np.testing.assert_allclose(found[0][-2:], 0.0, rtol=0, atol=1e-12)
 
 
+def test_a_muscle_has_its_derivative_in_single_precision():
+    """MJX divides by a width of zero, and raises that to the fifth power: infinite in float32, though not selected."""
+
+    def speed(ctrl, act):
+        return mjx._src.support.muscle_dynamics(ctrl, act, jnp.array([0.01, 0.04, 0.0]))
+
+    with jax.enable_x64(False):
+        at = jnp.float32(0.7), jnp.float32(0.2)
+        stock = speed(*at)
+        with mended():
+            value, slopes = jax.value_and_grad(speed, (0, 1))(*at)
+    assert value == stock
+    tau = 0.01 * (0.5 + 1.5 * 0.2)
+    np.testing.assert_allclose(slopes, (1 / tau, -1 / tau - 0.5 * 1.5 * 0.01 / tau**2), rtol=1e-5)
+
+
 def test_mjx_is_as_it_was_when_the_last_thread_is_out():
     stock, inside, leave = mjx._src.math.quat_to_axis_angle, threading.Event(), threading.Event()
 
