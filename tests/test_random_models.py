@@ -1,114 +1,129 @@
-"""Random small models at random states: the derivative of a step is finite, and that of differences away from kinks."""
+"""Random models at random states: a step has MJX's value, and in both modes the derivative of its differences.
 
-import functools
+A structure (joints, geoms, equalities, tendons, actuators, cone, integrator) is a program, and compiling it is what
+this test costs. So hypothesis draws two structures, which have all of these between them, and each is run with 15
+models at once that differ in all their numbers, in four states each: "30 models" are 30 sets of numbers in two
+programs, the same two each time. Stock `mjx.step` would be compiled beside them, and is in the first one alone.
+`TOG_MJX_FUZZ=n` draws n structures for each cone and integrator in their place, and lets `tog.check_scene` judge a
+model of each.
+"""
+
+import inspect
+import os
 
 import jax
 import jax.numpy as jnp
 import mujoco
-import mujoco.rollout
 import numpy as np
-from hypothesis import Phase, given, settings
+import pytest
+from hypothesis import Phase, event, given, settings
 from hypothesis import strategies as st
+from random_models import Structure, model_of, state_of, structure_of
 
 import tog_mjx as tog
-from tog_mjx._mjx import mjx
+from tog_mjx._mjx import make_data, mjx, put_model
 from tog_mjx.differences import central_differences, halvings
+from tog_mjx.implicit import STEPS
 from tog_mjx.step_check import compile_quickly
 
-STATES = 16
+MODELS, STATES, HORIZON = 15, 4, 20
 SETTLED, TOLERANCE = 1e-6, 1e-5
-
-JOINTS = {
-    "free": "<freejoint/>",
-    # Off the centre of mass: at it MuJoCo's inverse weight of the body is zero, and its contacts infinitely stiff.
-    "ball": '<joint type="ball" pos="0 0 0.1"/>',
-    "planar": '<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>',
-    "hinge": '<joint axis="0 1 0" limited="true" range="-20 20" frictionloss="{loss}" damping="{damping}"/>',
-}
-# The capsule lies: where one stands upright, MJX and C MuJoCo turn its contact's frame about the normal differently.
-GEOMS = {"sphere": 'size="{r}"', "capsule": 'size="{r}" fromto="-0.1 0 0 0.1 0 0"'}
-
-
-@st.composite
-def models(draw) -> mujoco.MjModel:
-    """A body near the floor, and one more on a hinge with a limit and dry friction; all its numbers random."""
-    number = functools.partial(st.floats, allow_nan=False, width=16)
-    joint, geom = draw(st.sampled_from(["free", "ball", "planar"])), draw(st.sampled_from(list(GEOMS)))
-    values = {
-        "loss": draw(number(0.125, 1)),
-        "damping": draw(number(0, 0.5)),
-        "r": draw(number(0.0625, 0.125)),
-    }
-    cone, integrator = (
-        draw(st.sampled_from(["elliptic", "pyramidal"])),
-        draw(st.sampled_from(["Euler", "implicitfast"])),
-    )
-    solref = f"{draw(number(0.015625, 0.0625))} {draw(number(0.5, 1.5))}"
-    friction = f"{draw(number(0.25, 1.5))} {draw(number(0.0078125, 0.125))} {draw(number(0.0078125, 0.125))}"
-    contact = f'condim="{draw(st.sampled_from([1, 3, 4, 6]))}" friction="{friction}" solref="{solref}"'
-    mass = draw(number(0.25, 4))
-    return mujoco.MjModel.from_xml_string(f"""<mujoco>
-      <option timestep="0.002" cone="{cone}" integrator="{integrator}" tolerance="1e-14"
-              iterations="200" ls_iterations="50"/>
-      <worldbody><geom type="plane" size="5 5 0.1" friction="0.1 0.001 0.001"/>
-        <body pos="0 0 {values["r"]}">{JOINTS[joint]}
-          <geom type="{geom}" {GEOMS[geom].format(**values)} mass="{mass}" {contact}/>
-          <body pos="0.3 0 0">{JOINTS["hinge"].format(**values)}
-            <geom size="0.05" pos="0.1 0 0" mass="0.5" {contact}/></body>
-        </body></worldbody></mujoco>""")
+SAME = 1e-8
+"""Of a value: two solvers of the same rows, rounded otherwise, may stop one iteration apart."""
+ON_DEMAND = "TOG_MJX_FUZZ" in os.environ
+step = inspect.unwrap(STEPS["implicit"])
+"""`tog.step` without its checkpoint, by which all is written down twice, to be computed again on the way back."""
+PROGRAMS = [(0, "elliptic", "Euler"), (1, "pyramidal", "implicitfast")]
+if ON_DEMAND:
+    INTEGRATORS = ("Euler", "implicitfast", "RK4")
+    PROGRAMS = [(i % 2, cone, name) for cone in ("elliptic", "pyramidal") for i, name in enumerate(INTEGRATORS)]
 
 
-def random_states(model: mujoco.MjModel, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions [STATES, nq], moved from the model's own pose by centimetres, and velocities [STATES, nv]."""
+def stacked(models: list[mjx.Model]) -> mjx.Model:
+    """Models of one structure along a leading axis of their arrays, repeated for each state."""
+    leaves, (tree, *_) = zip(*map(jax.tree.flatten, models), strict=True)
+    return jax.tree.unflatten(tree, [np.repeat(np.stack(some), STATES, axis=0) for some in zip(*leaves, strict=True)])
+
+
+def differentiated(model: mujoco.MjModel, steps: tuple):
+    """A weighted next state by each of the steps, and its derivative by the first along a direction, in both modes."""
+
+    def run(at: mjx.Model, x: jax.Array, direction: jax.Array, weight: jax.Array) -> tuple[tuple, jax.Array, jax.Array]:
+        ends = np.cumsum([model.nq, model.nv, model.na])
+
+        def after(step, t) -> jax.Array:
+            qpos, qvel, act, ctrl = jnp.split(x + t * direction, ends)
+            data = step(at, make_data(at).replace(qpos=qpos, qvel=qvel, act=act, ctrl=ctrl))
+            return weight @ jnp.concatenate([data.qpos, data.qvel, data.act])
+
+        value, push = jax.linearize(lambda t: after(steps[0], t), 0.0)
+        others = (after(step, 0.0) for step in steps[1:])
+        return (value, *others), push(1.0), jax.linear_transpose(push, 0.0)(1.0)[0]
+
+    return compile_quickly(jax.vmap(run))
+
+
+def check(structure: Structure, seed: int, steps: tuple) -> None:
     rng = np.random.default_rng(seed)
-    positions = []
-    for _ in range(STATES):
-        qpos = model.qpos0.copy()
-        mujoco.mj_integratePos(model, qpos, rng.normal(size=model.nv) * 0.02, 1)
-        qpos[-1] = rng.uniform(-0.6, 0.6)  # The hinge: its limits are at 0.35.
-        positions.append(qpos)
-    return np.array(positions), rng.normal(size=(STATES, model.nv))
-
-
-def step_in_c(model: mujoco.MjModel, states: np.ndarray) -> np.ndarray:
-    """The next (qpos, qvel) of each row."""
-    start = np.concatenate([np.zeros((len(states), 1)), states], axis=1)
-    after, _ = mujoco.rollout.rollout(model, [mujoco.MjData(model)], start, nstep=1)
-    return after[:, 0, 1:]
-
-
-# Every example is compiled, so that a smaller failing one would cost minutes.
-@given(models(), st.integers(0, 1000))
-@settings(max_examples=4, phases=[Phase.generate])
-def test_the_derivative_of_a_step(model, seed):
-    x = np.concatenate(random_states(model, seed), axis=1)
-    rng = np.random.default_rng(seed)
-    direction, weight = rng.normal(size=(2, x.shape[1]))
-    mjx_model = mjx.put_model(model)
-
-    def both_modes(x):
-        def at(t):
-            moved = x + t * direction
-            data = mjx.make_data(mjx_model).replace(qpos=moved[: model.nq], qvel=moved[model.nq :])
-            after = tog.step(mjx_model, data)
-            return weight @ jnp.concatenate([after.qpos, after.qvel])
-
-        value, push = jax.linearize(at, 0.0)
-        return value, push(1.0), jax.linear_transpose(push, 0.0)(1.0)[0]
-
-    value, forward, reverse = map(np.asarray, compile_quickly(jax.vmap(both_modes))(x))
-    np.testing.assert_allclose(value, step_in_c(model, x) @ weight, rtol=0, atol=1e-6)  # To what two solvers stop at.
+    models = [model_of(structure, rng) for _ in range(MODELS)]
+    x = np.array([state_of(model, rng) for model in models for _ in range(STATES)])
+    at, model = stacked([put_model(model) for model in models]), models[0]
+    direction = rng.normal(size=x.shape)
+    weight = rng.normal(size=(len(x), model.nq + model.nv + model.na))
+    run = differentiated(model, steps)
+    values, forward, reverse = jax.tree.map(np.asarray, run(at, x, direction, weight))
+    np.testing.assert_allclose(values[-1], values[0], rtol=SAME, atol=SAME)
     assert np.isfinite(forward).all()
     np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9 * np.abs(forward).max())
 
-    # Two points a state are asked for at a time.
-    repeated = np.repeat(x, 2, axis=0)
-    expected = central_differences(
-        lambda t: step_in_c(model, repeated + np.asarray(t) * direction) @ weight[:, None],
-        np.zeros((STATES, 1)),
-        halvings(1e-5, 6),
-        order=4,
-    )
+    def moved(t) -> np.ndarray:
+        """Of two points for each state, one after the other."""
+        ends = [run(at, x + some * direction, direction, weight)[0][-1] for some in (t[::2], t[1::2])]
+        return np.stack(ends, axis=1).reshape(-1, 1)
+
+    expected = central_differences(moved, np.zeros((len(x), 1)), halvings(1e-5, 5), order=4)
     settled = expected.change <= SETTLED
     assert settled.mean() >= 0.75
     np.testing.assert_allclose(forward[settled], expected.jacobian[settled, 0, 0], rtol=TOLERANCE)
+
+
+# Every example is compiled, so that a smaller failing one would cost minutes.
+@pytest.mark.parametrize(("half", "cone", "integrator"), PROGRAMS)
+@settings(max_examples=int(os.environ.get("TOG_MJX_FUZZ", 1)), phases=[Phase.generate])
+@given(seed=st.integers(0, 10**6))
+def test_a_step_has_mjxs_value_and_the_derivative_of_differences(half, cone, integrator, seed):
+    is_first = (half, cone, integrator) == PROGRAMS[0]
+    steps = (step, mjx.step) if is_first or ON_DEMAND else (step,)
+    check(structure_of(seed, half, cone, integrator), seed, steps)
+
+
+def rolled(model: mujoco.MjModel, start: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """Positions of C MuJoCo after `HORIZON` steps, of controls [N, nu]."""
+    ends = []
+    for ctrl in controls:
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:], data.act[:], _ = np.split(start, np.cumsum([model.nq, model.nv, model.na]))
+        data.ctrl[:] = ctrl
+        mujoco.mj_step(model, data, HORIZON)
+        ends.append(data.qpos.copy())
+    return np.array(ends)
+
+
+@pytest.mark.skipif(not ON_DEMAND, reason="a verdict costs a minute or more: TOG_MJX_FUZZ asks for it")
+@pytest.mark.parametrize(("half", "cone", "integrator"), PROGRAMS)
+@settings(max_examples=int(os.environ.get("TOG_MJX_FUZZ", 1)), phases=[Phase.generate])
+@given(seed=st.integers(0, 10**6))
+def test_what_is_trusted_is_the_derivative_of_c_mujoco(half, cone, integrator, seed):
+    """Where differences settle; what is not trusted may be anything."""
+    rng = np.random.default_rng(seed)
+    model = model_of(structure_of(seed, half, cone, integrator), rng)
+    x, start = state_of(model, rng), mujoco.MjData(model)
+    start.qpos[:], start.qvel[:], start.act[:], start.ctrl[:] = np.split(x, np.cumsum([model.nq, model.nv, model.na]))
+    verdict = tog.check_scene(model, start, steps=HORIZON, wrt="ctrl", quick=True)
+    event(verdict.line)
+    expected = central_differences(
+        lambda controls: rolled(model, x, np.asarray(controls)), start.ctrl[None], halvings(1e-2, 8)
+    )
+    if verdict.word == "trust" and expected.change[0] <= SETTLED:
+        off = np.linalg.norm(np.array(verdict.gradient) - expected.jacobian[0])
+        assert off <= 0.05 * np.linalg.norm(expected.jacobian[0])
