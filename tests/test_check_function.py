@@ -303,3 +303,15 @@ def test_rounding_is_told_from_rounded_products(single, full, level, remedy):
     found = judge_single(np.ones((2, 2)), np.full((2, 2), single), None if full is None else np.full((2, 2), full))
     assert found.level == level
     assert remedy in found.remedy
+
+
+def test_a_branch_that_is_not_taken_spoils_reverse_mode_and_is_told():
+    """As in rewards whose bound may be infinite: the derivative of what is not chosen is 0 times infinity."""
+
+    def reward(x):
+        return jnp.where(x[0] > 1.2, x[0], jnp.exp(-((x[0] - jnp.inf) ** 2)))
+
+    assert jnp.isnan(jax.grad(reward)(jnp.array([1.3]))).all()
+    (found,) = [some for some in tog.check(reward, [1.3]).findings if some.level == Level.FAULT]
+    assert found.check == "reverse mode"
+    assert "jnp.where" in found.remedy

@@ -17,6 +17,7 @@ SAME, SAME_SINGLE = 1e-6, 1e-2
 """Relative difference of derivatives that are the same but for rounding, in float64 and in float32: 1e-16 and 1e-7,
 grown 1e10 and 1e5 times. More is a term that one of them lacks; small here, it may be large at the next point."""
 _REMEDY = "use forward mode; of mjx.step, differentiate tog.step"
+_BRANCH = "a jnp.where passes on the NaN of the branch that it does not take: make that branch finite"
 REFUSED = "Reverse-mode differentiation does not work"
 
 
@@ -43,7 +44,7 @@ def compare_modes(backward: Callable[[], Array], directions: np.ndarray, expecte
         )
         return Finding("reverse mode", Level.CARE, sentence, None, _REMEDY)
     if not np.isfinite(found).all():
-        return Finding("reverse mode", Level.FAULT, "reverse mode gives NaN or infinity", None, _REMEDY)
+        return Finding("reverse mode", Level.FAULT, "reverse mode gives NaN or infinity", None, f"{_REMEDY}; {_BRANCH}")
     error = relative(found @ directions, expected)
     sentence = f"forward and reverse mode differ by {error:.0e}"
     if error <= (SAME if jax.config.values["jax_enable_x64"] else SAME_SINGLE):
