@@ -1,6 +1,8 @@
 """Solvers that stop early, as those of the models of reinforcement learning do: the derivative is that of the value."""
 
+import collections
 import functools
+import re
 import warnings
 
 import jax
@@ -26,6 +28,11 @@ PRESSED = """<mujoco>
       <geom type="sphere" size="0.1" mass="1" friction="0.4"/></body></worldbody>
   <actuator><motor joint="x"/><motor joint="y"/><motor joint="z"/></actuator>
   <keyframe><key qvel="0.8 -0.3 -0.5" ctrl="6 -3 -9"/></keyframe></mujoco>"""
+# All that has a derivative of ours: a contact, a spring that turns, a tendon's spring at its rest length.
+AT_REST = """<mujoco><option iterations="{iterations}"/><worldbody><geom type="plane" size="1 1 0.1"/>
+  <body pos="0 0 0.09"><joint name="turn" type="ball" stiffness="2"/><geom size="0.1"/>
+    <body pos="0.3 0 0.5"><joint name="slide" type="slide"/><geom size="0.1" contype="0" conaffinity="0"/></body></body>
+  </worldbody><tendon><fixed stiffness="3"><joint joint="slide" coef="1"/></fixed></tendon></mujoco>"""
 TIMES = 4
 
 
@@ -113,3 +120,17 @@ def test_who_differentiates_what_may_be_unconverged_is_told(options, told):
     for warning in caught:
         assert told in str(warning.message)
         assert str(warning.message).endswith("simulate tog_mjx.converged(model)")
+
+
+@pytest.mark.parametrize("iterations", [1, 100])
+def test_a_step_that_is_not_differentiated_is_the_program_of_stock_mjx(iterations):
+    model = put_model(mujoco.MjModel.from_xml_string(AT_REST.format(iterations=iterations)))
+    data = make_data(model)
+    stock, ours = (
+        compile_quickly(functools.partial(step, model)).lower(data).compile() for step in (mjx.step, tog.step)
+    )
+    counts = [collections.Counter(re.findall(r"= \S+ ([a-z-]+)\(", some.as_text())) for some in (stock, ours)]
+    for count in counts:
+        del count["parameter"]  # Of arguments that nothing reads.
+    assert counts[0] == counts[1]
+    assert counts[0].total() > 100
