@@ -206,7 +206,7 @@ def check_second_order(model: mujoco.MjModel, orders: tuple[str, ...] = ORDERS) 
     return errors
 
 
-def compile_quickly(function: Callable) -> Callable:
+def compile_quickly(function: Callable) -> jax.stages.Wrapped:
     """`jax.jit` of what runs only a few times: with little of LLVM's optimisation, which takes longer than it saves.
 
     With none (level 0) a second derivative of `tests/scenes/sliding_block.xml` comes out 64 % too large, on jaxlib
