@@ -1,0 +1,120 @@
+"""What moves a problem: MJX any scene, and the planar simulators those of one box and its fingers.
+
+    carry = engine.begin(model, start)          start by the names of its fields in `mjx.Data`
+    carry, state = engine.step(model, carry, ctrl)   `state` is the State in which the step begins
+    state = engine.state(model, carry, ctrl)    after the last step, or before a control is known
+
+The model is an argument, so that variables can move it.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from tog_mjx._mjx import mjx, put_model
+from tog_mjx.errors import InputError, require_choice
+from tog_mjx.implicit import STEPS
+from tog_mjx.problems.problem import Problem
+from tog_mjx.problems.state import State
+from tog_mjx.scene import Scene
+from tog_mjx.simulators import SIMULATORS, Simulator, make_simulator
+from tog_mjx.state import MOVING, on_mjx, state_of
+from tog_mjx.supported import check_supported
+
+Controls = Float[Array, " nu"]
+
+
+class Engine(Protocol):
+    """See the module's header."""
+
+    scene: Scene
+    model: mjx.Model
+    origin: mjx.Data
+
+    def begin(self, model: mjx.Model, start: dict[str, Array]) -> Any: ...
+
+    def step(self, model: mjx.Model, carry: Any, ctrl: Controls) -> tuple[Any, State]: ...
+
+    def state(self, model: mjx.Model, carry: Any, ctrl: Controls) -> State: ...
+
+
+@dataclass(frozen=True, eq=False)
+class OnMjx:
+    """Any scene that MJX can simulate."""
+
+    scene: Scene
+    model: mjx.Model
+    origin: mjx.Data
+    differentiation: str
+
+    def begin(self, model: mjx.Model, start: dict[str, Array]) -> dict[str, Array]:
+        del model
+        return state_of(self.origin.replace(**start))
+
+    def step(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls) -> tuple[dict[str, Array], State]:
+        after = STEPS[self.differentiation](model, self.origin.replace(**carry, ctrl=ctrl))
+        # What a step derives is of the moment in which it begins; only the state itself has moved on.
+        return state_of(after), self._view(model, carry, ctrl, after.replace(**carry, ctrl=ctrl), is_complete=True)
+
+    def state(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls) -> State:
+        return self._view(model, carry, ctrl, self.origin, is_complete=False)
+
+    def _view(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls, data: mjx.Data, is_complete: bool) -> State:
+        moving = {name: carry[name] for name in ("time", *MOVING)}
+        return State(**moving, ctrl=ctrl, _model=model, _names=self.scene.model, _base=data, _is_complete=is_complete)
+
+
+@dataclass(frozen=True, eq=False)
+class OnPlane:
+    """A scene of one box and its fingers, on a planar simulator; MJX only says where its bodies and sites are."""
+
+    scene: Scene
+    model: mjx.Model
+    origin: mjx.Data
+    simulator: Simulator
+
+    def begin(self, model: mjx.Model, start: dict[str, Array]) -> tuple[Any, Array]:
+        del model
+        joints = self.scene.joints
+        q, v = start["qpos"][joints], start["qvel"][joints]
+        fingers = jnp.concatenate([q[3:].reshape(-1, 2), v[3:].reshape(-1, 2)], axis=1)
+        return self.simulator.init(jnp.concatenate([q[:3], v[:3]]), fingers), jnp.asarray(self.origin.time, float)
+
+    def step(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> tuple[tuple[Any, Array], State]:
+        planar, time = carry
+        after = self.simulator.step(planar, ctrl[self.scene.actuators])
+        return (after, time + self.scene.model.opt.timestep), self.state(model, carry, ctrl)
+
+    def state(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> State:
+        planar, time = carry
+        box, fingers = self.simulator.observe(planar)
+        joints = self.scene.joints
+        qpos = self.origin.qpos.at[joints].set(jnp.concatenate([box[:3], fingers[:, :2].ravel()]))
+        qvel = self.origin.qvel.at[joints].set(jnp.concatenate([box[3:], fingers[:, 2:].ravel()]))
+        return State(time, qpos, qvel, self.origin.act, ctrl, model, self.scene.model, self.origin, _has_forces=False)
+
+
+def make_engine(problem: Problem, name: str, **options: str) -> Engine:
+    """The engine of that name, for a problem.
+
+    Raises:
+      InputError: for an unknown name or option, and for a scene or variables that the engine cannot move.
+    """
+    require_choice("engine", name, SIMULATORS)
+    scene = problem.scene
+    check_supported(scene.model, scene.name)
+    with jax.ensure_compile_time_eval():
+        model = put_model(scene.model)
+        origin = on_mjx(model, problem.origin)
+    if name == "mjx":
+        differentiation = options.pop("differentiation", "implicit")
+        require_choice("differentiation", differentiation, STEPS)
+        if options:
+            raise InputError(f"engine mjx has no option {next(iter(options))}; it takes differentiation")
+        return OnMjx(scene, model, origin, differentiation)
+    if problem.bound.moves_model:
+        raise InputError(f"engine {name} reads its parameters from the scene, and variables move none; take mjx")
+    return OnPlane(scene, model, origin, make_simulator(name, scene, **options))

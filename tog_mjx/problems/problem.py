@@ -1,0 +1,119 @@
+"""What to optimise: a model, where it starts, for how long, what may change, and at which cost."""
+
+import functools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Array, Float
+
+from tog_mjx.checks.starts import keyframe_start
+from tog_mjx.errors import InputError, require_kind, require_whole
+from tog_mjx.problems.starts import Starts
+from tog_mjx.problems.state import State
+from tog_mjx.problems.variables import Bound, Controls, Several, Variables
+from tog_mjx.scene import Scene, compile_model, scene_path
+from tog_mjx.state import default_start, require_state
+from tog_mjx.types import Numbers
+
+Cost = Callable[[State], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Compared and hashed by identity.
+
+    Args:
+      model: a scene's name ("flip", "grasp"), the path of an MJCF file, or an MjModel.
+      steps: time steps.
+      variables: `Controls`, `Start`, `Parameters`, `Policy`, or a sequence of them.
+      cost: of the last `State`; a JAX function that returns a number.
+      running_cost: of a `State` and the controls in it, averaged over the states in which the time steps begin.
+      start: an MjData, a keyframe's name, or `Starts`; by default the keyframe `start`, else the first, else the
+        initial pose. Starts are drawn around that one.
+      bounds: least and largest x, ([n], [n]) or numbers; by default those of the variables, as actuators' ctrlrange.
+      guess: x [n] to begin with; by default what the start and the model hold.
+      success: the cost below which the problem counts as solved.
+
+    Raises:
+      InputError: for a scene, start or variable that does not exist, a shape that does not fit, or no cost at all.
+    """
+
+    model: str | Path | mujoco.MjModel
+    steps: int
+    variables: Variables | Sequence[Variables] = Controls()
+    cost: Cost | None = None
+    running_cost: Cost | None = None
+    start: mujoco.MjData | str | Starts | None = None
+    bounds: tuple[Numbers, Numbers] | None = None
+    guess: Numbers | None = None
+    success: float | None = None
+
+    def __post_init__(self):
+        require_whole("steps", self.steps, 1)
+        if self.cost is None and self.running_cost is None:
+            raise InputError("the problem has no cost; give cost, of the last State, or running_cost, of every one")
+        for name in ("cost", "running_cost"):
+            if (given := getattr(self, name)) is not None:
+                require_kind(name, given, Callable, "give a function of a State")
+        require_kind("the start", self.start, mujoco.MjData | str | Starts | None, "give an MjData, a keyframe or Starts")
+        if isinstance(self.start, mujoco.MjData):
+            require_state(self.scene.model, self.start)
+        _ = self.x0, self.limits  # Wrong shapes are told now, not later.
+
+    @functools.cached_property
+    def scene(self) -> Scene:
+        """The compiled model."""
+        if isinstance(self.model, mujoco.MjModel):
+            return Scene("model", self.model)
+        path = scene_path(self.model)
+        return Scene(path.stem, compile_model(path))
+
+    @functools.cached_property
+    def origin(self) -> mujoco.MjData:
+        """Where it starts, or around which it does. Treat it as read-only."""
+        if isinstance(self.start, mujoco.MjData):
+            return self.start
+        return keyframe_start(self.scene.model, self.start) if isinstance(self.start, str) else default_start(self.scene.model)
+
+    @functools.cached_property
+    def bound(self) -> Bound:
+        """The variables, of this model and start."""
+        kinds = self.variables if isinstance(self.variables, Sequence) else [self.variables]
+        if not kinds:
+            raise InputError("the problem has no variables; give Controls, Start, Parameters or Policy")
+        for kind in kinds:
+            require_kind("a variable", kind, Variables, "give Controls, Start, Parameters or Policy")
+        one = kinds[0] if len(kinds) == 1 else Several(tuple(kinds))
+        return one.bind(self.scene.model, self.origin, self.steps)
+
+    @functools.cached_property
+    def x0(self) -> Float[np.ndarray, " n"]:
+        """The guess."""
+        return self.bound.guess if self.guess is None else self.check(self.guess)
+
+    @functools.cached_property
+    def limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest x, [n] each."""
+        if self.bounds is None:
+            return self.bound.low, self.bound.high
+        try:
+            low, high = (np.broadcast_to(np.asarray(some, float), self.bound.guess.shape) for some in self.bounds)
+        except (TypeError, ValueError):
+            raise InputError(f"bounds do not fit {len(self.bound.guess)} variables; give (least, largest)") from None
+        if not (low <= high).all():
+            raise InputError(f"the least {self.bound.names[int((low > high).argmax())]} is above the largest")
+        return low, high
+
+    def check(self, x: Numbers) -> Float[np.ndarray, " n"]:
+        """x as numbers [n]; raises InputError where they are none."""
+        try:
+            found = jnp.asarray(x, float)
+        except (TypeError, ValueError):
+            raise InputError(f"x is not numbers; give {len(self.bound.guess)} of them") from None
+        if found.shape != self.bound.guess.shape:
+            raise InputError(f"x has the shape {list(found.shape)}; give [{len(self.bound.guess)}]: {', '.join(self.bound.names[:6])}")
+        return found

@@ -1,0 +1,48 @@
+"""Many starts: a problem's cost is then their mean."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import jax
+from jaxtyping import Array, Key
+
+from tog_mjx._mjx import mjx
+from tog_mjx.errors import InputError, near, require_kind, require_whole
+from tog_mjx.state import MOVING
+
+
+@dataclass(frozen=True)
+class Starts:
+    """Starts drawn at random, `count` of them at a time.
+
+    Args:
+      sample: `key -> {name: array}`, of `qpos`, `qvel` and `act`, and of fields of `mjx.Model` (domain randomisation),
+        such as `{"qpos": qpos0 + 0.05 * jax.random.normal(key, [nq]), "body_mass": ...}`. What it leaves out is the
+        problem's.
+      count: starts of one evaluation.
+    """
+
+    sample: Callable[[Key[Array, ""]], Mapping[str, Array]]
+    count: int
+
+    def __post_init__(self):
+        require_kind("sample", self.sample, Callable, "give a function of a key")
+        require_whole("count", self.count, 1)
+
+    def draw(self, key: Key[Array, ""], model: mjx.Model, start: dict[str, Array]) -> tuple[dict, dict]:
+        """`count` starts and changes of the model, as arrays with a leading axis.
+
+        Raises:
+          InputError: for a name that is neither the start's nor the model's, or a shape that is not its own.
+        """
+        drawn = dict(jax.vmap(self.sample)(jax.random.split(key, self.count)))
+        fields = {name for name in mjx.Model.__annotations__ if isinstance(getattr(model, name, None), jax.Array)}
+        for name, value in drawn.items():
+            if name not in fields and name not in MOVING:
+                choices = [*MOVING, *sorted(fields)]
+                raise InputError(f"a start has no {name}; give qpos, qvel, act or a field of mjx.Model{near(name, choices)}")
+            shape = (start[name] if name in MOVING else getattr(model, name)).shape
+            if value.shape[1:] != shape:
+                raise InputError(f"the starts' {name} has the shape {list(value.shape[1:])}; give {list(shape)}")
+        placed = {name: value for name, value in drawn.items() if name in MOVING}
+        return placed, {name: value for name, value in drawn.items() if name not in MOVING}

@@ -1,0 +1,80 @@
+"""What a cost and a policy see of a motion, the same on all engines."""
+
+import functools
+from dataclasses import dataclass
+
+import mujoco
+from jaxtyping import Array, Float
+
+from tog_mjx._mjx import mjx
+from tog_mjx.errors import InputError, near
+from tog_mjx.implicit import forward
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A moment of a motion. What is derived from it is computed where it is asked for, and else costs nothing.
+
+    Attributes:
+      time: s. qpos [nq], qvel [nv] and act [na]: as in `mjx.Data`.
+      ctrl: the controls [nu] in force: for a policy, which gives the next ones, those of the moment before.
+    """
+
+    time: Float[Array, ""]
+    qpos: Float[Array, " nq"]
+    qvel: Float[Array, " nv"]
+    act: Float[Array, " na"]
+    ctrl: Float[Array, " nu"]
+    _model: mjx.Model
+    _names: mujoco.MjModel
+    _base: mjx.Data
+    """With the inputs that no problem changes, as mocap poses; or, if complete, with all that is derived."""
+    _is_complete: bool = False
+    _has_forces: bool = True
+
+    @functools.cached_property
+    def data(self) -> mjx.Data:
+        """All of `mjx.Data`, of this moment: poses, contacts, forces, accelerations, sensors.
+
+        Raises:
+          InputError: on an engine whose forces are not MJX's.
+        """
+        if not self._has_forces:
+            raise InputError("this engine has no mjx.Data: its forces are its own; take what a State holds, or mjx")
+        return self._base if self._is_complete else forward(self._model, self._placed)
+
+    @property
+    def sensordata(self) -> Float[Array, " ns"]:
+        """All sensors, in the order of the model; `sensor` gives one by its name."""
+        return self.data.sensordata
+
+    def sensor(self, name: str) -> Float[Array, " k"]:
+        """The numbers of one sensor."""
+        i = self._number(mujoco.mjtObj.mjOBJ_SENSOR, "sensor", name)
+        first = self._names.sensor_adr[i]
+        return self.sensordata[first : first + self._names.sensor_dim[i]]
+
+    def site(self, name: str) -> Float[Array, "3"]:
+        """Where a site is, in m."""
+        return self._posed.site_xpos[self._number(mujoco.mjtObj.mjOBJ_SITE, "site", name)]
+
+    def body(self, name: str) -> Float[Array, "3"]:
+        """Where a body's frame is, in m."""
+        return self._posed.xpos[self._number(mujoco.mjtObj.mjOBJ_BODY, "body", name)]
+
+    @functools.cached_property
+    def _posed(self) -> mjx.Data:
+        return self._base if self._is_complete else mjx.kinematics(self._model, self._placed)
+
+    @property
+    def _placed(self) -> mjx.Data:
+        return self._base.replace(time=self.time, qpos=self.qpos, qvel=self.qvel, act=self.act, ctrl=self.ctrl)
+
+    def _number(self, kind: mujoco.mjtObj, what: str, name: str) -> int:
+        found = mujoco.mj_name2id(self._names, kind, name)
+        if found < 0:
+            count = {"sensor": self._names.nsensor, "site": self._names.nsite, "body": self._names.nbody}[what]
+            names = [some for i in range(count) if (some := mujoco.mj_id2name(self._names, kind, i))]
+            listed = f"choose from {', '.join(names[:20])}" if names else "none has a name"
+            raise InputError(f"the scene has no {what} named {name}; {listed}{near(name, names)}")
+        return found

@@ -1,0 +1,218 @@
+"""Variables are a law: each kind says what it puts into the model and the start, and which controls it gives.
+
+To everything above they are one vector x [n] with names, a scale and bounds.
+"""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Array, Float
+
+from tog_mjx._mjx import mjx
+from tog_mjx.checks.scene_function import _entries as entries
+from tog_mjx.checks.scene_function import attribute, field_of
+from tog_mjx.errors import InputError, require_choice, require_whole
+from tog_mjx.integration import positions_after
+from tog_mjx.problems.state import State
+
+Placed = tuple[mjx.Model, dict[str, Array]]
+"""A model, and a start by the names of its fields in `mjx.Data`."""
+Law = Callable[[State], Float[Array, " nu"]]
+"""Controls as an answer to the state."""
+
+
+def _keep(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
+    del x
+    return model, start
+
+
+@dataclass(frozen=True, eq=False)
+class Bound:
+    """Variables of one problem: what follows for x [n] from its model, start and steps.
+
+    `low`, `high` [n] are infinite where there are no bounds; `scale` [n] is the size of a large change. `place` puts x
+    into the model and the start. `controls` gives the controls: constant [nu], by time step [steps, nu], or a Law,
+    whose answers are held for `every` time steps.
+    """
+
+    names: tuple[str, ...]
+    guess: Float[np.ndarray, " n"]
+    low: Float[np.ndarray, " n"]
+    high: Float[np.ndarray, " n"]
+    scale: Float[np.ndarray, " n"]
+    place: Callable[[Array, mjx.Model, dict[str, Array]], Placed] = _keep
+    controls: Callable[[Array], Array | Law] | None = None
+    every: int = 1
+    moves_model: bool = False
+
+    @classmethod
+    def of(cls, names: Sequence[str], guess: np.ndarray, limits: np.ndarray | None = None, **rest) -> "Bound":
+        """With `limits` [n, 2]. A large change is half of what lies between them, else the guess itself, else 1."""
+        guess = np.array(guess, float)
+        low, high = np.tile([-np.inf, np.inf], (len(guess), 1)).T if limits is None else np.array(limits, float).T
+        size = np.where(guess == 0, 1.0, np.abs(guess))
+        scale = np.where(np.isfinite(high - low), (high - low) / 2, size)
+        return cls(tuple(names), guess, low, high, **{"scale": scale, **rest})
+
+
+@runtime_checkable
+class Variables(Protocol):
+    """One kind of them."""
+
+    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
+        """What they are in a problem.
+
+        Raises:
+          InputError: for what the model does not have.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class Controls:
+    """Controls over time, whatever the state: those of `knots` moments, evenly spaced from the first step to the last.
+
+    x [knots * nu] holds those of the first knot, then those of the second, ... Between two knots they change linearly;
+    with `hold` each is held until the next. One knot is a constant control.
+    """
+
+    knots: int = 1
+    hold: bool = False
+
+    def __post_init__(self):
+        require_whole("knots", self.knots, 1)
+
+    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
+        if not model.nu:
+            raise InputError("the scene has no actuators, so there are no controls; take other variables")
+        require_whole("knots", self.knots, 1, steps)
+        names = [
+            mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) or f"ctrl[{i}]" for i in range(model.nu)
+        ]
+        if self.knots > 1:
+            names = [f"{name} at knot {k}" for k in range(self.knots) for name in names]
+        limited = model.actuator_ctrllimited.astype(bool)[:, None]
+        limits = np.tile(np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf]), (self.knots, 1))
+
+        def controls(x: Array) -> Array:
+            return self._over_time(jnp.reshape(x, (self.knots, model.nu)), steps)
+
+        return Bound.of(names, np.tile(start.ctrl, self.knots), limits, controls=controls)
+
+    def _over_time(self, table: Float[Array, "knots nu"], steps: int) -> Array:
+        if self.knots == 1:
+            return table[0]
+        if self.hold:
+            return table[np.arange(steps) * self.knots // steps]
+        position = np.linspace(0, self.knots - 1, steps)
+        before = np.minimum(position.astype(int), self.knots - 2)
+        share = jnp.asarray((position - before)[:, None], table.dtype)
+        return (1 - share) * table[before] + share * table[before + 1]
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a motion starts: "qvel" themselves, or "qpos" as displacements from the start's own, in velocity space.
+
+    "qvel[2]" is one number of them; of positions too the index is that of a velocity, below nv.
+    """
+
+    field: str = "qvel"
+
+    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
+        del steps
+        name = self.field.partition("[")[0]
+        require_choice("the start's variable", name, ("qpos", "qvel"))
+        chosen = entries(self.field, (model.nv,))
+
+        def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
+            if name == "qvel":
+                return model, {**start, "qvel": start["qvel"].at[chosen].set(x)}
+            change = jnp.zeros_like(start["qvel"]).at[chosen].set(x)
+            return model, {**start, "qpos": positions_after(model, start["qpos"], change)}
+
+        guess = start.qvel[chosen] if name == "qvel" else np.zeros(len(chosen))
+        return Bound.of([f"{name}[{i}]" for i in chosen], guess, place=place)
+
+
+class Parameters:
+    """Numbers of the model, by their names in `mjx.Model`: `Parameters("geom_friction[1, 0]", "opt.gravity")`."""
+
+    def __init__(self, *fields: str):
+        self.fields = fields
+
+    def __repr__(self) -> str:
+        return f"Parameters({', '.join(map(repr, self.fields))})"
+
+    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
+        del start, steps
+        if not self.fields:
+            raise InputError("Parameters() names no field of the model; give one, such as geom_friction")
+        names: list[str] = []
+        parts, guess = [], []
+        for text in self.fields:
+            name = text.partition("[")[0]
+            value = field_of(model, name)
+            chosen = entries(text, value.shape)
+            places = zip(*np.unravel_index(chosen, value.shape), strict=True)
+            names += [f"{name}[{', '.join(map(str, place))}]" for place in places]
+            parts.append((name, chosen))
+            guess.append(value.ravel()[chosen])
+        ends = np.cumsum([len(chosen) for _, chosen in parts])[:-1]
+
+        def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
+            for (name, chosen), new in zip(parts, jnp.split(x, ends), strict=True):
+                value = jnp.asarray(attribute(model, name))
+                model = model.tree_replace({name: value.ravel().at[chosen].set(new).reshape(value.shape)})
+            return model, start
+
+        return Bound.of(names, np.concatenate(guess), place=place, moves_model=True)
+
+
+@dataclass(frozen=True)
+class Several:
+    """Variables of several kinds, one after the other. Controls of more than one kind add up: a plan and a feedback."""
+
+    kinds: Sequence[Variables] = field(default_factory=tuple)
+
+    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
+        parts = [kind.bind(model, start, steps) for kind in self.kinds]
+        ends = np.cumsum([len(part.guess) for part in parts])[:-1]
+
+        def split(x: Array) -> list[tuple[Bound, Array]]:
+            return list(zip(parts, jnp.split(x, ends), strict=True))
+
+        def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
+            for part, some in split(x):
+                model, start = part.place(some, model, start)
+            return model, start
+
+        def controls(x: Array) -> Array | Law:
+            return _sum([part.controls(some) for part, some in split(x) if part.controls])
+
+        each = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("guess", "low", "high", "scale")}
+        return Bound(
+            tuple(itertools.chain.from_iterable(part.names for part in parts)),
+            **each,
+            place=place,
+            controls=controls if any(part.controls for part in parts) else None,
+            every=max(part.every for part in parts),
+            moves_model=any(part.moves_model for part in parts),
+        )
+
+
+def _sum(controls: list[Array | Law]) -> Array | Law:
+    """Plans are summed here; laws at each state. A plan over time cannot be added to a law: it has no clock."""
+    plans = [some for some in controls if not callable(some)]
+    laws = [some for some in controls if callable(some)]
+    plan = sum(plans[1:], plans[0]) if plans else None
+    if not laws:
+        return plan
+    if plan is not None and plan.ndim == 2:
+        raise InputError("controls with knots and a policy do not add up; give one knot, or let the policy see the time")
+    return lambda state: sum((law(state) for law in laws), 0.0 if plan is None else plan)
