@@ -14,8 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
-from tog_mjx.checks.scene_function import _entries as entries
-from tog_mjx.checks.scene_function import attribute, field_of
+from tog_mjx.fields import array_name, attribute, entries, field_of
 from tog_mjx.errors import InputError, require_choice, require_whole
 from tog_mjx.integration import positions_after
 from tog_mjx.problems.state import State
@@ -126,7 +125,7 @@ class Start:
 
     def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
         del steps
-        name = self.field.partition("[")[0]
+        name = array_name(self.field)
         require_choice("the start's variable", name, ("qpos", "qvel"))
         chosen = entries(self.field, (model.nv,))
 
@@ -156,7 +155,7 @@ class Parameters:
         names: list[str] = []
         parts, guess = [], []
         for text in self.fields:
-            name = text.partition("[")[0]
+            name = array_name(text)
             value = field_of(model, name)
             chosen = entries(text, value.shape)
             places = zip(*np.unravel_index(chosen, value.shape), strict=True)
