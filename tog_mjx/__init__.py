@@ -8,6 +8,13 @@ from tog_mjx.converged import solver_error as solver_error
 from tog_mjx.errors import InputError as InputError
 from tog_mjx.implicit import step as step
 from tog_mjx.parameter import Parameter as Parameter
+from tog_mjx.problems import Controls as Controls
+from tog_mjx.problems import Parameters as Parameters
+from tog_mjx.problems import Policy as Policy
+from tog_mjx.problems import Problem as Problem
+from tog_mjx.problems import Start as Start
+from tog_mjx.problems import Starts as Starts
+from tog_mjx.problems import State as State
 from tog_mjx.rollout import Trajectory as Trajectory
 from tog_mjx.rollout import objective as objective
 from tog_mjx.rollout import rollout as rollout

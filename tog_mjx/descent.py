@@ -58,14 +58,24 @@ class Descent(NamedTuple):
         return int(self.costs.argmin())
 
     @property
-    def setpoints_last(self) -> Any:
+    def last(self) -> Any:
         """The last iterate [n], of cost `costs[-1]`."""
         return jax.tree.map(lambda all_: all_[-1], self.setpoints)
 
     @property
-    def setpoints_best(self) -> Any:
+    def best(self) -> Any:
         """The best iterate [n], of cost `costs.min()`."""
         return jax.tree.map(lambda all_: all_[self.best_iteration], self.setpoints)
+
+    @property
+    def setpoints_last(self) -> Any:
+        """The older name of `last`."""
+        return self.last
+
+    @property
+    def setpoints_best(self) -> Any:
+        """The older name of `best`."""
+        return self.best
 
 
 class _Loop(NamedTuple):

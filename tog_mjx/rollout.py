@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.errors import InputError
+from tog_mjx.problems.objective import Motion, Objective
+from tog_mjx.problems.objective import objective as problem_objective
+from tog_mjx.problems.problem import Problem
 from tog_mjx.simulators import Simulator, check_names, make_simulator
 from tog_mjx.tasks import Task, get_task
 from tog_mjx.types import Numbers, Scalar, Setpoints
@@ -26,27 +29,37 @@ class Trajectory(NamedTuple):
     fingers: Float[Array, "T F 4"]
 
 
-def rollout(task: str | Task, u: Numbers, simulator: str = "mjx", **options: str) -> Trajectory:
-    """The motion of a task under setpoints.
+@overload
+def rollout(task: str | Task, u: Numbers, simulator: str = "mjx", **options: str) -> Trajectory: ...
+@overload
+def rollout(task: Problem, u: Numbers, simulator: str = "mjx", **options: Any) -> Motion: ...
+def rollout(task: str | Task | Problem, u: Numbers, simulator: str = "mjx", **options: Any) -> Trajectory | Motion:
+    """The motion of a task under setpoints, or of a problem under its variables.
 
     Args:
-      task: "flip", "grasp" or a Task.
-      u: setpoints [2F] in m, or [K * 2F] of a task with K knots.
-      simulator: "mjx", "penalty" or "released"; `options` as in `objective`.
+      task: "flip", "grasp" or a Task, or a Problem, whose motion is a `tog_mjx.problems.objective.Motion`.
+      u: setpoints [2F] in m, or [K * 2F] of a task with K knots; x [n] of a problem.
+      simulator: the engine, "mjx", "penalty" or "released"; `options` as in `objective`.
 
     Raises:
       InputError: for an unknown name or option, or setpoints of the wrong shape or not finite.
     """
+    if isinstance(task, Problem):
+        return problem_objective(task, simulator, **options).motion(u)
     task = get_task(task)
     u = check_setpoints(task, u)
     return _compiled(trajectory, task, simulator, options)(u)
 
 
-def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Callable[[Numbers], Scalar]:
-    """The task's cost J(u), a compiled function of setpoints u [K * 2F]: to jit, vmap, and differentiate in both modes.
+@overload
+def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Callable[..., Scalar]: ...
+@overload
+def objective(task: Problem, simulator: str = "mjx", **options: Any) -> Objective: ...
+def objective(task: str | Task | Problem, simulator: str = "mjx", **options: Any) -> Callable[..., Scalar]:
+    """A task's cost J(u), a compiled function of setpoints u [K * 2F]: to jit, vmap and differentiate in both modes.
 
     Args:
-      task: "flip", "grasp" or a Task.
+      task: "flip", "grasp" or a Task; or a Problem, see `tog_mjx.problems.objective.objective`.
       simulator: "mjx" (option `differentiation="implicit" | "saltation" | "native"`), "penalty" (options
         `friction="mujoco" | "paper"` and `differentiation="native" | "saltation"`) or "released" (option
         `mended`, one quirk out of `tog_mjx.simulators.released.MENDED`).
@@ -56,6 +69,8 @@ def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Calla
     Raises:
       InputError: for an unknown name or option; J raises it for setpoints of the wrong shape or not finite.
     """
+    if isinstance(task, Problem):
+        return problem_objective(task, simulator, **options)
     task = get_task(task)
     _compiled(final_cost, task, simulator, options)  # Names are checked now, not at the first call.
     return functools.partial(_cost, task, simulator, options)

@@ -13,6 +13,7 @@ jumps.
 Nothing here knows of a symmetry, or of the goal.
 """
 
+import functools
 from collections.abc import Callable
 from numbers import Real
 from typing import Any
@@ -26,6 +27,8 @@ from tog_mjx.checks.modes import REFUSED
 from tog_mjx.descent import Descent, descend
 from tog_mjx.errors import InputError, require_kind
 from tog_mjx.gradients import exact
+from tog_mjx.problems.problem import Problem
+from tog_mjx.problems.starts import Starts
 from tog_mjx.rollout import objective
 from tog_mjx.simulators import check_names, gradient_charge, precision
 from tog_mjx.tasks import Task, get_task
@@ -38,7 +41,7 @@ CHARGE = 4.0
 
 
 def solve(
-    problem: str | Task | Callable[[Any], Scalar],
+    problem: str | Task | Problem | Callable[[Any], Scalar],
     guess: Any = None,
     *,
     budget: int | float = 1000,
@@ -51,7 +54,8 @@ def solve(
 
     Args:
       problem: a JAX function J of a vector or a pytree, whose value is a number; it runs in the precision of JAX's x64
-        flag as it stands. Or "flip", "grasp" or a Task, with any number of knots.
+        flag as it stands. Or "flip", "grasp" or a Task, with any number of knots. Or a Problem: of one with `Starts`
+        each update draws others, and the recorded costs are theirs.
       guess: where to begin, a vector [n] or any pytree of arrays; in the record, setpoints and gradients are then such
         pytrees, each leaf with an axis of iterates before its own. Of a task, initial setpoints [K * 2F] in m; the
         default is the task's.
@@ -60,13 +64,13 @@ def solve(
       reach: how far the answer may lie from the guess, in the units of the variables: all updates together can move
         each of them by twice as much. None: as far as a variable is from zero, and at least 1; of a task, the
         longer side of its window.
-      simulator: of a task: "mjx" (if None), "penalty" or "released".
-      differentiation: of a task: which gradient to follow, an option of the simulator; None is its own, the derivative
-        between two jumps of the motion. That succeeds at least as often on both tasks, with any number of knots: on the
-        grasp with constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the jumps, in none,
-        since minima of the landscape lie in its way which the other does not see. That is an outcome, not a reason: an
-        error that helps here may hurt elsewhere. On the flip "saltation" often ends lower, and with 4 knots or more
-        both grasp. Where both can be afforded, try both, and keep the record of lower cost.
+      simulator: of a task or a problem: "mjx" (if None), "penalty" or "released".
+      differentiation: of a task or a problem: which gradient to follow, an option of the simulator; None is its own,
+        the derivative between two jumps of the motion. That succeeds at least as often on both tasks, with any number
+        of knots: on the grasp with constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the
+        jumps, in none, since minima of the landscape lie in its way which the other does not see. That is an outcome,
+        not a reason: an error that helps here may hurt elsewhere. On the flip "saltation" often ends lower, and with 4
+        knots or more both grasp. Where both can be afforded, try both, and keep the record of lower cost.
       report: called now and then with the number of gradients evaluated so far.
 
     Raises:
@@ -78,6 +82,8 @@ def solve(
         require_kind("reach", reach, Real, "give a number, in the units of the variables")
         if not 0 < reach < float("inf"):
             raise InputError(f"reach is {reach}: give a positive number, in the units of the variables")
+    if isinstance(problem, Problem):
+        return _solve_problem(problem, guess, budget, reach, simulator or "mjx", differentiation, report)
     if callable(problem):
         if simulator or differentiation:
             raise InputError("simulator and differentiation are a task's; a function of your own has its own")
@@ -128,6 +134,39 @@ def _solve_function(
         raise InputError(f"{told}; use jax.lax.scan, and tog.step in place of mjx.step") from error
     setpoints, slopes = given.restore(found.setpoints), given.restore(found.gradients)
     return found._replace(setpoints=setpoints, gradients=slopes)
+
+
+def _solve_problem(
+    problem: Problem,
+    guess: Any,
+    budget: int | float,
+    reach: int | float | None,
+    engine: str,
+    differentiation: str | None,
+    report: Callable | None,
+) -> Descent:
+    """In the precision of JAX's x64 flag; x stays within its bounds."""
+    J = objective(problem, engine, **({"differentiation": differentiation} if differentiation else {}))
+    starts = problem.start if isinstance(problem.start, Starts) else None
+    charge = gradient_charge(engine, differentiation) * (starts.count if starts else 1)
+    gradients = _gradients(budget, charge, f"{problem.scene.name} on {engine}")
+    low, high = problem.limits
+
+    def estimate(key: Array, x: Float[Array, " n"]) -> tuple[Array, Array]:
+        return exact(functools.partial(J, key=key) if starts else J)(key, x)
+
+    def stay(updates: Any, state: Any, x: Any = None) -> tuple[Any, Any]:
+        return jnp.clip(x + updates, low, high) - x, state
+
+    rule = update_rule(2 * (problem.bound.scale if reach is None else reach) / gradients)
+    within = optax.GradientTransformation(lambda _: optax.EmptyState(), stay)
+    return descend(
+        estimate,
+        jnp.clip(problem.check(problem.x0 if guess is None else guess), low, high),
+        rule=optax.chain(rule, within),
+        iterations=gradients - 1,
+        report=report,
+    )
 
 
 def _gradients(budget: int | float, charge: float, whose: str) -> int:

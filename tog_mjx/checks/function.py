@@ -19,6 +19,8 @@ from tog_mjx.checks.second_order import second_order as check_second_order
 from tog_mjx.checks.single import judge_single
 from tog_mjx.checks.zeros import zeros
 from tog_mjx.errors import InputError, require_kind
+from tog_mjx.problems.objective import objective as problem_objective
+from tog_mjx.problems.problem import Problem
 from tog_mjx.user_code import call, real
 from tog_mjx.variables import variables
 
@@ -29,8 +31,8 @@ Function = Callable[[Float[Array, " n"]], Array]
 
 
 def check(
-    objective: Callable[[Any], Array],
-    x: Any,
+    objective: Callable[..., Array] | Problem,
+    x: Any = None,
     *,
     estimators: bool = False,
     second_order: bool = False,
@@ -41,7 +43,8 @@ def check(
     It is run in the precision of JAX's x64 flag as it stands; float64 tells more.
 
     Args:
-      objective: a JAX function of an array [n], or of a pytree; its value is a number or an array [m].
+      objective: a JAX function of an array [n], or of a pytree; its value is a number or an array [m]. Or a Problem, on
+        MJX: its variables have names and sizes of their own, and its guess stands for an x that is None.
       x: the point, a vector [n], or any pytree of arrays: all of them as floats. Of more numbers than DIRECTIONS the
         verdict names the leaves, where there are no more than so many.
       estimators: ask too whether to follow this gradient or a stochastic one, see `tog_mjx.checks.estimators`; of
@@ -52,16 +55,23 @@ def check(
     Raises:
       InputError: for an x that holds what are no finite real numbers, and a function that fails or returns none.
     """
-    require_kind("the objective", objective, Callable, "give a function of an array or a pytree")
+    function: Callable[..., Array]
+    bound = None
+    if isinstance(objective, Problem):
+        function, bound, x = problem_objective(objective), objective.bound, objective.x0 if x is None else x
+    else:
+        function = objective
+    require_kind("the objective", function, Callable, "give a function of an array or a pytree, or a Problem")
     given = variables(x)
     point = given.point
     say: Report = report or (lambda *_: None)
-    name = getattr(objective, "__name__", "the objective")
-    scale = np.maximum(np.abs(point), 1.0)
-    directions, names = directions_at(scale, given.names if point.size <= DIRECTIONS else (), given.parts)
+    name = getattr(function, "__name__", "the objective")
+    scale = bound.scale if bound else np.maximum(np.abs(point), 1.0)
+    all_names = bound.names if bound else given.names
+    directions, names = directions_at(scale, all_names if point.size <= DIRECTIONS else (), given.parts)
 
     def flat(x: Array) -> Array:
-        found = real(name, call(f"{name} fails", objective, given.restore(x)), "one number, or an array of them")
+        found = real(name, call(f"{name} fails", function, given.restore(x)), "one number, or an array of them")
         if not found.size:
             raise InputError(f"{name} returns nothing: an array of shape {list(found.shape)}; give a number or more")
         return jnp.ravel(found)

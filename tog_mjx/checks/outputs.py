@@ -103,10 +103,14 @@ class Outputs:
 def complete(model: mjx.Model, data: mjx.Data, differentiation: str) -> mjx.Data:
     """`data` with all that MJX computes of its state and inputs: poses, forces, accelerations, sensors, and the bodies'
     forces and momenta. Under jit what is not read of it costs nothing."""
-    found = FORWARDS[differentiation](model, data)
-    if constraint_rows(found).jacobian.size == 0:
-        found = mjx.sensor_acc(model, found)  # Which MJX leaves out where nothing can touch.
-    return mjx.subtree_vel(model, mjx.rne_postconstraint(model, found))
+    return completed(model, FORWARDS[differentiation](model, data))
+
+
+def completed(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """As `complete`, of data on which `forward` has been called."""
+    if constraint_rows(data).jacobian.size == 0:
+        data = mjx.sensor_acc(model, data)  # Which MJX leaves out where nothing can touch.
+    return mjx.subtree_vel(model, mjx.rne_postconstraint(model, data))
 
 
 def load_cost(name: str) -> Cost:

@@ -7,47 +7,51 @@
 The model is an argument, so that variables can move it.
 """
 
+import abc
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx, put_model
+from tog_mjx.checks.outputs import complete, completed
 from tog_mjx.errors import InputError, require_choice
 from tog_mjx.implicit import STEPS
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.state import State
 from tog_mjx.scene import Scene
 from tog_mjx.simulators import SIMULATORS, Simulator, make_simulator
-from tog_mjx.state import MOVING, on_mjx, state_of
+from tog_mjx.state import on_mjx, state_of
 from tog_mjx.supported import check_supported
 
 Controls = Float[Array, " nu"]
 
 
-class Engine(Protocol):
+@dataclass(frozen=True, eq=False)
+class Engine(abc.ABC):
     """See the module's header."""
 
     scene: Scene
     model: mjx.Model
     origin: mjx.Data
 
+    @abc.abstractmethod
     def begin(self, model: mjx.Model, start: dict[str, Array]) -> Any: ...
 
+    @abc.abstractmethod
     def step(self, model: mjx.Model, carry: Any, ctrl: Controls) -> tuple[Any, State]: ...
 
+    @abc.abstractmethod
     def state(self, model: mjx.Model, carry: Any, ctrl: Controls) -> State: ...
 
 
 @dataclass(frozen=True, eq=False)
-class OnMjx:
+class OnMjx(Engine):
     """Any scene that MJX can simulate."""
 
-    scene: Scene
-    model: mjx.Model
-    origin: mjx.Data
     differentiation: str
 
     def begin(self, model: mjx.Model, start: dict[str, Array]) -> dict[str, Array]:
@@ -56,24 +60,25 @@ class OnMjx:
 
     def step(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls) -> tuple[dict[str, Array], State]:
         after = STEPS[self.differentiation](model, self.origin.replace(**carry, ctrl=ctrl))
+        if model.opt.integrator == mjx.IntegratorType.RK4:  # What it derives is of its last stage.
+            return state_of(after), self.state(model, carry, ctrl)
         # What a step derives is of the moment in which it begins; only the state itself has moved on.
-        return state_of(after), self._view(model, carry, ctrl, after.replace(**carry, ctrl=ctrl), is_complete=True)
+        now = after.replace(**carry)
+        return state_of(after), self._view(carry, ctrl, lambda: now, lambda: completed(model, now))
 
     def state(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls) -> State:
-        return self._view(model, carry, ctrl, self.origin, is_complete=False)
+        now = self.origin.replace(**carry, ctrl=ctrl)
+        poses = lambda: mjx.kinematics(model, now)  # noqa: E731
+        return self._view(carry, ctrl, poses, lambda: complete(model, now, self.differentiation))
 
-    def _view(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls, data: mjx.Data, is_complete: bool) -> State:
-        moving = {name: carry[name] for name in ("time", *MOVING)}
-        return State(**moving, ctrl=ctrl, _model=model, _names=self.scene.model, _base=data, _is_complete=is_complete)
+    def _view(self, carry: dict[str, Array], ctrl: Controls, poses: Callable, all_: Callable) -> State:
+        return State(carry["time"], carry["qpos"], carry["qvel"], carry["act"], ctrl, self.scene.model, poses, all_)
 
 
 @dataclass(frozen=True, eq=False)
-class OnPlane:
+class OnPlane(Engine):
     """A scene of one box and its fingers, on a planar simulator; MJX only says where its bodies and sites are."""
 
-    scene: Scene
-    model: mjx.Model
-    origin: mjx.Data
     simulator: Simulator
 
     def begin(self, model: mjx.Model, start: dict[str, Array]) -> tuple[Any, Array]:
@@ -94,7 +99,13 @@ class OnPlane:
         joints = self.scene.joints
         qpos = self.origin.qpos.at[joints].set(jnp.concatenate([box[:3], fingers[:, :2].ravel()]))
         qvel = self.origin.qvel.at[joints].set(jnp.concatenate([box[3:], fingers[:, 2:].ravel()]))
-        return State(time, qpos, qvel, self.origin.act, ctrl, model, self.scene.model, self.origin, _has_forces=False)
+        now = self.origin.replace(time=time, qpos=qpos, qvel=qvel, ctrl=ctrl)
+        poses = lambda: mjx.kinematics(model, now)  # noqa: E731
+        return State(time, qpos, qvel, now.act, ctrl, self.scene.model, poses, _no_forces)
+
+
+def _no_forces() -> mjx.Data:
+    raise InputError("this engine has no mjx.Data: its forces are its own; take what a State holds, or engine mjx")
 
 
 def make_engine(problem: Problem, name: str, **options: str) -> Engine:

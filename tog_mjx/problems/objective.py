@@ -36,6 +36,7 @@ class Objective:
 
     def __init__(self, problem: Problem, engine: Engine, checkpoint: int | None):
         self.problem, self.engine, self._checkpoint = problem, engine, checkpoint
+        self.__name__ = f"J of {problem.scene.name}"
         self._mean = jax.jit(lambda x, key: self.each(x, key).mean())
 
     def __call__(self, x: Numbers, key: Key[Array, ""] | None = None) -> Scalar:

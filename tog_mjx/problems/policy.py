@@ -4,16 +4,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from tog_mjx.errors import InputError, require_kind, require_whole
 from tog_mjx.problems.state import State
 from tog_mjx.problems.variables import Bound, Law
+from tog_mjx.user_code import call
+from tog_mjx.variables import variables
 
 
 def positions_and_velocities(state: State) -> Float[Array, " k"]:
@@ -46,30 +46,20 @@ class Policy:
 
     def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
         del start, steps
-        flat, unravel = ravel_pytree(self.parameters)
-        if not flat.size or not jnp.issubdtype(flat.dtype, jnp.floating):
-            raise InputError("the policy's parameters hold no numbers with a derivative; give a pytree of float arrays")
+        parameters = variables(self.parameters, "policy")
 
         def controls(x: Array) -> Law:
-            parameters = unravel(x.astype(flat.dtype))
+            given = parameters.restore(x)
 
             def law(state: State) -> Float[Array, " nu"]:
-                given = jnp.asarray(self.apply(parameters, self.observe(state)))
-                if given.shape != (model.nu,):
-                    shape = list(given.shape)
-                    raise InputError(f"the policy returns an array of shape {shape}; give {model.nu} controls, [{model.nu}]")
-                return given.astype(x.dtype)
+                found = jnp.asarray(call("the policy fails", self.apply, given, self.observe(state)))
+                if found.shape != (model.nu,):
+                    raise InputError(
+                        f"the policy returns an array of shape {list(found.shape)}; give [{model.nu}] controls"
+                    )
+                return found.astype(x.dtype)
 
             return law
 
-        size = np.full(flat.size, self.scale)
-        return Bound.of(_names(self.parameters), np.asarray(flat), controls=controls, every=self.every, scale=size)
-
-
-def _names(parameters: Any) -> list[str]:
-    """Of each number in a pytree, in the order of `ravel_pytree`."""
-    names = []
-    for path, leaf in jax.tree_util.tree_leaves_with_path(parameters):
-        name = jax.tree_util.keystr(path, simple=True, separator=".") or "parameter"
-        names += [f"{name}[{', '.join(map(str, i))}]" if i else name for i in np.ndindex(np.shape(leaf))]
-    return names
+        size = np.full(parameters.point.size, self.scale)
+        return Bound.of(parameters.names, parameters.point, controls=controls, every=self.every, scale=size)

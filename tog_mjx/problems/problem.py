@@ -4,6 +4,7 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import mujoco
@@ -20,6 +21,7 @@ from tog_mjx.state import default_start, require_state
 from tog_mjx.types import Numbers
 
 Cost = Callable[[State], Array]
+CONSTANT = Controls()
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ class Problem:
 
     model: str | Path | mujoco.MjModel
     steps: int
-    variables: Variables | Sequence[Variables] = Controls()
+    variables: Variables | Sequence[Any] = CONSTANT
     cost: Cost | None = None
     running_cost: Cost | None = None
     start: mujoco.MjData | str | Starts | None = None
@@ -59,7 +61,9 @@ class Problem:
         for name in ("cost", "running_cost"):
             if (given := getattr(self, name)) is not None:
                 require_kind(name, given, Callable, "give a function of a State")
-        require_kind("the start", self.start, mujoco.MjData | str | Starts | None, "give an MjData, a keyframe or Starts")
+        require_kind(
+            "the start", self.start, mujoco.MjData | str | Starts | None, "give an MjData, a keyframe or Starts"
+        )
         if isinstance(self.start, mujoco.MjData):
             require_state(self.scene.model, self.start)
         _ = self.x0, self.limits  # Wrong shapes are told now, not later.
@@ -77,7 +81,11 @@ class Problem:
         """Where it starts, or around which it does. Treat it as read-only."""
         if isinstance(self.start, mujoco.MjData):
             return self.start
-        return keyframe_start(self.scene.model, self.start) if isinstance(self.start, str) else default_start(self.scene.model)
+        return (
+            keyframe_start(self.scene.model, self.start)
+            if isinstance(self.start, str)
+            else default_start(self.scene.model)
+        )
 
     @functools.cached_property
     def bound(self) -> Bound:
@@ -93,7 +101,7 @@ class Problem:
     @functools.cached_property
     def x0(self) -> Float[np.ndarray, " n"]:
         """The guess."""
-        return self.bound.guess if self.guess is None else self.check(self.guess)
+        return self.bound.guess if self.guess is None else np.asarray(self.check(self.guess))
 
     @functools.cached_property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
@@ -108,12 +116,13 @@ class Problem:
             raise InputError(f"the least {self.bound.names[int((low > high).argmax())]} is above the largest")
         return low, high
 
-    def check(self, x: Numbers) -> Float[np.ndarray, " n"]:
+    def check(self, x: Numbers) -> Float[Array, " n"]:
         """x as numbers [n]; raises InputError where they are none."""
         try:
             found = jnp.asarray(x, float)
         except (TypeError, ValueError):
             raise InputError(f"x is not numbers; give {len(self.bound.guess)} of them") from None
         if found.shape != self.bound.guess.shape:
-            raise InputError(f"x has the shape {list(found.shape)}; give [{len(self.bound.guess)}]: {', '.join(self.bound.names[:6])}")
+            names = ", ".join(self.bound.names[:6])
+            raise InputError(f"x has the shape {list(found.shape)}; give [{len(self.bound.guess)}]: {names}")
         return found

@@ -40,7 +40,9 @@ class Starts:
         for name, value in drawn.items():
             if name not in fields and name not in MOVING:
                 choices = [*MOVING, *sorted(fields)]
-                raise InputError(f"a start has no {name}; give qpos, qvel, act or a field of mjx.Model{near(name, choices)}")
+                raise InputError(
+                    f"a start has no {name}; give qpos, qvel, act or a field of mjx.Model{near(name, choices)}"
+                )
             shape = (start[name] if name in MOVING else getattr(model, name)).shape
             if value.shape[1:] != shape:
                 raise InputError(f"the starts' {name} has the shape {list(value.shape[1:])}; give {list(shape)}")

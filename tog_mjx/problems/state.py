@@ -1,6 +1,7 @@
 """What a cost and a policy see of a motion, the same on all engines."""
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
@@ -8,7 +9,6 @@ from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError, near
-from tog_mjx.implicit import forward
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,12 +25,9 @@ class State:
     qvel: Float[Array, " nv"]
     act: Float[Array, " na"]
     ctrl: Float[Array, " nu"]
-    _model: mjx.Model
     _names: mujoco.MjModel
-    _base: mjx.Data
-    """With the inputs that no problem changes, as mocap poses; or, if complete, with all that is derived."""
-    _is_complete: bool = False
-    _has_forces: bool = True
+    _poses: Callable[[], mjx.Data]
+    _all: Callable[[], mjx.Data]
 
     @functools.cached_property
     def data(self) -> mjx.Data:
@@ -39,9 +36,7 @@ class State:
         Raises:
           InputError: on an engine whose forces are not MJX's.
         """
-        if not self._has_forces:
-            raise InputError("this engine has no mjx.Data: its forces are its own; take what a State holds, or mjx")
-        return self._base if self._is_complete else forward(self._model, self._placed)
+        return self._all()
 
     @property
     def sensordata(self) -> Float[Array, " ns"]:
@@ -64,11 +59,7 @@ class State:
 
     @functools.cached_property
     def _posed(self) -> mjx.Data:
-        return self._base if self._is_complete else mjx.kinematics(self._model, self._placed)
-
-    @property
-    def _placed(self) -> mjx.Data:
-        return self._base.replace(time=self.time, qpos=self.qpos, qvel=self.qvel, act=self.act, ctrl=self.ctrl)
+        return self._poses()
 
     def _number(self, kind: mujoco.mjtObj, what: str, name: str) -> int:
         found = mujoco.mj_name2id(self._names, kind, name)

@@ -3,6 +3,7 @@
 To everything above they are one vector x [n] with names, a scale and bounds.
 """
 
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -14,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
-from tog_mjx.fields import array_name, attribute, entries, field_of
 from tog_mjx.errors import InputError, require_choice, require_whole
+from tog_mjx.fields import array_name, attribute, entries, field_of
 from tog_mjx.integration import positions_after
 from tog_mjx.problems.state import State
 
@@ -90,9 +91,7 @@ class Controls:
         if not model.nu:
             raise InputError("the scene has no actuators, so there are no controls; take other variables")
         require_whole("knots", self.knots, 1, steps)
-        names = [
-            mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) or f"ctrl[{i}]" for i in range(model.nu)
-        ]
+        names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) or f"ctrl[{i}]" for i in range(model.nu)]
         if self.knots > 1:
             names = [f"{name} at knot {k}" for k in range(self.knots) for name in names]
         limited = model.actuator_ctrllimited.astype(bool)[:, None]
@@ -194,7 +193,9 @@ class Several:
         def controls(x: Array) -> Array | Law:
             return _sum([part.controls(some) for part, some in split(x) if part.controls])
 
-        each = {name: np.concatenate([getattr(part, name) for part in parts]) for name in ("guess", "low", "high", "scale")}
+        each = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in ("guess", "low", "high", "scale")
+        }
         return Bound(
             tuple(itertools.chain.from_iterable(part.names for part in parts)),
             **each,
@@ -206,12 +207,12 @@ class Several:
 
 
 def _sum(controls: list[Array | Law]) -> Array | Law:
-    """Plans are summed here; laws at each state. A plan over time cannot be added to a law: it has no clock."""
+    """Of plans; of laws, and of laws and a constant plan, as a law. A law has no clock for a plan over time."""
     plans = [some for some in controls if not callable(some)]
     laws = [some for some in controls if callable(some)]
-    plan = sum(plans[1:], plans[0]) if plans else None
+    plan = functools.reduce(jnp.add, plans) if plans else jnp.zeros(())
     if not laws:
         return plan
-    if plan is not None and plan.ndim == 2:
-        raise InputError("controls with knots and a policy do not add up; give one knot, or let the policy see the time")
-    return lambda state: sum((law(state) for law in laws), 0.0 if plan is None else plan)
+    if plan.ndim == 2:
+        raise InputError("controls with knots and a policy do not add up; give one knot, or let the policy see time")
+    return lambda state: functools.reduce(jnp.add, [law(state) for law in laws], plan)
