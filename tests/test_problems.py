@@ -73,8 +73,8 @@ def test_the_papers_tasks_are_problems_among_others(name, knots):
     (_, *gradients), (_, *expected) = in_both_modes(ours, u), in_both_modes(theirs, u)
     np.testing.assert_allclose(gradients, expected, rtol=1e-12, atol=1e-13 * np.abs(expected).max())
     motion, moved = tog.rollout(problem, u, "penalty"), tog.rollout(task, u, "penalty")
-    box = np.concatenate([motion.qpos[:, :3], motion.qvel[:, :3]], axis=1)
-    np.testing.assert_allclose(box, moved.box, rtol=0, atol=1e-12)
+    boxes = np.concatenate([motion.qpos[:, :3], motion.qvel[:, :3]], axis=1)
+    np.testing.assert_allclose(boxes, moved.box, rtol=0, atol=1e-12)
     np.testing.assert_allclose(motion.time, moved.time, rtol=0, atol=1e-12)
 
 

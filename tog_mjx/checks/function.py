@@ -55,7 +55,7 @@ def check(
     Raises:
       InputError: for an x that holds what are no finite real numbers, and a function that fails or returns none.
     """
-    function: Callable[..., Array]
+    function: Callable[..., Any]
     bound = None
     if isinstance(objective, Problem):
         function, bound, x = problem_objective(objective), objective.bound, objective.x0 if x is None else x

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.errors import InputError, require_kind, require_whole
 from tog_mjx.problems.state import State
-from tog_mjx.problems.variables import Bound, Law
+from tog_mjx.problems.variables import Bound, Law, Setting
 from tog_mjx.user_code import call
 from tog_mjx.variables import variables
 
@@ -44,18 +43,17 @@ class Policy:
         require_kind("observe", self.observe, Callable, "give a function of a State")
         require_whole("every", self.every, 1)
 
-    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
-        del start, steps
+    def bind(self, given: Setting) -> Bound:
         parameters = variables(self.parameters, "policy")
 
         def controls(x: Array) -> Law:
-            given = parameters.restore(x)
+            tree = parameters.restore(x)
 
             def law(state: State) -> Float[Array, " nu"]:
-                found = jnp.asarray(call("the policy fails", self.apply, given, self.observe(state)))
-                if found.shape != (model.nu,):
+                found = jnp.asarray(call("the policy fails", self.apply, tree, self.observe(state)))
+                if found.shape != (given.model.nu,):
                     raise InputError(
-                        f"the policy returns an array of shape {list(found.shape)}; give [{model.nu}] controls"
+                        f"the policy returns an array of shape {list(found.shape)}; give [{given.model.nu}] controls"
                     )
                 return found.astype(x.dtype)
 

@@ -13,14 +13,15 @@ from jaxtyping import Array, Float
 
 from tog_mjx.checks.starts import keyframe_start
 from tog_mjx.errors import InputError, require_kind, require_whole
+from tog_mjx.followers import Origin, compiled
 from tog_mjx.problems.starts import Starts
 from tog_mjx.problems.state import State
-from tog_mjx.problems.variables import Bound, Controls, Several, Variables
+from tog_mjx.problems.variables import Bound, Controls, Setting, Several, Variables
 from tog_mjx.scene import Scene, compile_model, scene_path
 from tog_mjx.state import default_start, require_state
-from tog_mjx.types import Numbers
+from tog_mjx.types import AnyArray, Numbers
 
-Cost = Callable[[State], Array]
+Cost = Callable[[State], AnyArray]
 CONSTANT = Controls()
 
 
@@ -29,7 +30,8 @@ class Problem:
     """Compared and hashed by identity.
 
     Args:
-      model: a scene's name ("flip", "grasp"), the path of an MJCF file, or an MjModel.
+      model: a scene's name ("flip", "grasp"), the path of an MJCF file, an MjSpec, or an MjModel (whose `Parameters`
+        then leave inertias behind).
       steps: time steps.
       variables: `Controls`, `Start`, `Parameters`, `Policy`, or a sequence of them.
       cost: of the last `State`; a JAX function that returns a number.
@@ -44,7 +46,7 @@ class Problem:
       InputError: for a scene, start or variable that does not exist, a shape that does not fit, or no cost at all.
     """
 
-    model: str | Path | mujoco.MjModel
+    model: str | Path | mujoco.MjSpec | mujoco.MjModel
     steps: int
     variables: Variables | Sequence[Any] = CONSTANT
     cost: Cost | None = None
@@ -68,11 +70,19 @@ class Problem:
             require_state(self.scene.model, self.start)
         _ = self.x0, self.limits  # Wrong shapes are told now, not later.
 
+    @property
+    def _compiled_from(self) -> Origin | None:
+        if isinstance(self.model, mujoco.MjModel):
+            return None
+        return self.model if isinstance(self.model, mujoco.MjSpec) else scene_path(self.model)
+
     @functools.cached_property
     def scene(self) -> Scene:
         """The compiled model."""
         if isinstance(self.model, mujoco.MjModel):
             return Scene("model", self.model)
+        if isinstance(self.model, mujoco.MjSpec):
+            return Scene(self.model.modelname, compiled(self.model)[0])
         path = scene_path(self.model)
         return Scene(path.stem, compile_model(path))
 
@@ -96,7 +106,7 @@ class Problem:
         for kind in kinds:
             require_kind("a variable", kind, Variables, "give Controls, Start, Parameters or Policy")
         one = kinds[0] if len(kinds) == 1 else Several(tuple(kinds))
-        return one.bind(self.scene.model, self.origin, self.steps)
+        return one.bind(Setting(self.scene.model, self._compiled_from, self.origin, self.steps))
 
     @functools.cached_property
     def x0(self) -> Float[np.ndarray, " n"]:

@@ -7,7 +7,7 @@ import functools
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import mujoco
@@ -16,8 +16,10 @@ from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError, require_choice, require_whole
-from tog_mjx.fields import array_name, attribute, entries, field_of
+from tog_mjx.fields import array_name, entries
+from tog_mjx.followers import Origin
 from tog_mjx.integration import positions_after
+from tog_mjx.parameter import Parameter
 from tog_mjx.problems.state import State
 
 Placed = tuple[mjx.Model, dict[str, Array]]
@@ -60,11 +62,20 @@ class Bound:
         return cls(tuple(names), guess, low, high, **{"scale": scale, **rest})
 
 
+class Setting(NamedTuple):
+    """What variables are asked with: the model, what it was compiled from (if known), the start and the time steps."""
+
+    model: mujoco.MjModel
+    origin: Origin | None
+    start: mujoco.MjData
+    steps: int
+
+
 @runtime_checkable
 class Variables(Protocol):
     """One kind of them."""
 
-    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
+    def bind(self, given: Setting) -> Bound:
         """What they are in a problem.
 
         Raises:
@@ -87,10 +98,11 @@ class Controls:
     def __post_init__(self):
         require_whole("knots", self.knots, 1)
 
-    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
+    def bind(self, given: Setting) -> Bound:
+        model = given.model
         if not model.nu:
             raise InputError("the scene has no actuators, so there are no controls; take other variables")
-        require_whole("knots", self.knots, 1, steps)
+        require_whole("knots", self.knots, 1, given.steps)
         names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) or f"ctrl[{i}]" for i in range(model.nu)]
         if self.knots > 1:
             names = [f"{name} at knot {k}" for k in range(self.knots) for name in names]
@@ -98,9 +110,9 @@ class Controls:
         limits = np.tile(np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf]), (self.knots, 1))
 
         def controls(x: Array) -> Array:
-            return self._over_time(jnp.reshape(x, (self.knots, model.nu)), steps)
+            return self._over_time(jnp.reshape(x, (self.knots, model.nu)), given.steps)
 
-        return Bound.of(names, np.tile(start.ctrl, self.knots), limits, controls=controls)
+        return Bound.of(names, np.tile(given.start.ctrl, self.knots), limits, controls=controls)
 
     def _over_time(self, table: Float[Array, "knots nu"], steps: int) -> Array:
         if self.knots == 1:
@@ -122,11 +134,10 @@ class Start:
 
     field: str = "qvel"
 
-    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
-        del steps
+    def bind(self, given: Setting) -> Bound:
         name = array_name(self.field)
         require_choice("the start's variable", name, ("qpos", "qvel"))
-        chosen = entries(self.field, (model.nv,))
+        chosen = entries(self.field, (given.model.nv,))
 
         def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
             if name == "qvel":
@@ -134,12 +145,15 @@ class Start:
             change = jnp.zeros_like(start["qvel"]).at[chosen].set(x)
             return model, {**start, "qpos": positions_after(model, start["qpos"], change)}
 
-        guess = start.qvel[chosen] if name == "qvel" else np.zeros(len(chosen))
+        guess = given.start.qvel[chosen] if name == "qvel" else np.zeros(len(chosen))
         return Bound.of([f"{name}[{i}]" for i in chosen], guess, place=place)
 
 
 class Parameters:
-    """Numbers of the model, by their names in `mjx.Model`: `Parameters("geom_friction[1, 0]", "opt.gravity")`."""
+    """Numbers of the model, by their names in `mjx.Model`: `Parameters("geom_friction[1, 0]", "body_mass[2]")`.
+
+    They move what MuJoCo's compiler derives from them, see `tog.Parameter`.
+    """
 
     def __init__(self, *fields: str):
         self.fields = fields
@@ -147,29 +161,23 @@ class Parameters:
     def __repr__(self) -> str:
         return f"Parameters({', '.join(map(repr, self.fields))})"
 
-    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
-        del start, steps
+    def bind(self, given: Setting) -> Bound:
         if not self.fields:
             raise InputError("Parameters() names no field of the model; give one, such as geom_friction")
-        names: list[str] = []
-        parts, guess = [], []
-        for text in self.fields:
-            name = array_name(text)
-            value = field_of(model, name)
-            chosen = entries(text, value.shape)
-            places = zip(*np.unravel_index(chosen, value.shape), strict=True)
-            names += [f"{name}[{', '.join(map(str, place))}]" for place in places]
-            parts.append((name, chosen))
-            guess.append(value.ravel()[chosen])
-        ends = np.cumsum([len(chosen) for _, chosen in parts])[:-1]
+        parts = [Parameter(given.model, field, given.origin) for field in self.fields]
+        names = [
+            f"{part.array}[{', '.join(map(str, place))}]"
+            for part in parts
+            for place in zip(*np.unravel_index(part.chosen, part.shape), strict=True)
+        ]
+        ends = np.cumsum([len(part.value) for part in parts])[:-1]
 
         def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
-            for (name, chosen), new in zip(parts, jnp.split(x, ends), strict=True):
-                value = jnp.asarray(attribute(model, name))
-                model = model.tree_replace({name: value.ravel().at[chosen].set(new).reshape(value.shape)})
+            for part, new in zip(parts, jnp.split(x, ends), strict=True):
+                model = part.moved(model, new - part.value)
             return model, start
 
-        return Bound.of(names, np.concatenate(guess), place=place, moves_model=True)
+        return Bound.of(names, np.concatenate([part.value for part in parts]), place=place, moves_model=True)
 
 
 @dataclass(frozen=True)
@@ -178,8 +186,8 @@ class Several:
 
     kinds: Sequence[Variables] = field(default_factory=tuple)
 
-    def bind(self, model: mujoco.MjModel, start: mujoco.MjData, steps: int) -> Bound:
-        parts = [kind.bind(model, start, steps) for kind in self.kinds]
+    def bind(self, given: Setting) -> Bound:
+        parts = [kind.bind(given) for kind in self.kinds]
         ends = np.cumsum([len(part.guess) for part in parts])[:-1]
 
         def split(x: Array) -> list[tuple[Bound, Array]]:
