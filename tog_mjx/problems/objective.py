@@ -43,10 +43,11 @@ class Objective:
         """J at x [n]; raises InputError for an x of another shape, and a cost that fails."""
         return self._mean(self.problem.check(x), jax.random.key(0) if key is None else key)
 
-    def each(self, x: Numbers, key: Key[Array, ""]) -> Float[Array, " count"]:
-        """The cost of each start [count] that the key draws; of a problem with one start that one [1]."""
+    def each(self, x: Numbers, key: Key[Array, ""], count: int | None = None) -> Float[Array, " count"]:
+        """The cost of each start that the key draws, so many of them or the problem's own number; of a problem with one
+        start that one [1]."""
         x = self.problem.check(x)
-        return self._from_starts(lambda model, start: self._cost(x, model, start), key)
+        return self._from_starts(lambda model, start: self._cost(x, model, start), key, count)
 
     def motion(self, x: Numbers, key: Key[Array, ""] | None = None) -> Motion:
         """The motion under x; with a key those of the starts that it draws, with a leading axis."""
@@ -59,11 +60,11 @@ class Objective:
     def _origin(self) -> dict[str, Array]:
         return {name: getattr(self.engine.origin, name) for name in MOVING}
 
-    def _from_starts(self, function: Callable[..., Any], key: Key[Array, ""]) -> Any:
+    def _from_starts(self, function: Callable[..., Any], key: Key[Array, ""], count: int | None = None) -> Any:
         starts, model, origin = self.problem.start, self.engine.model, self._origin
         if not isinstance(starts, Starts):
             return jax.tree.map(lambda leaf: leaf[None], function(model, origin))
-        placed, fields = starts.draw(key, model, origin)
+        placed, fields = starts.draw(key, count or starts.count, model, origin)
 
         def one(placed: dict[str, Array], fields: dict[str, Array]) -> Any:
             return function(model.tree_replace(fields), {**origin, **placed})

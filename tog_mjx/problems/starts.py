@@ -29,13 +29,13 @@ class Starts:
         require_kind("sample", self.sample, Callable, "give a function of a key")
         require_whole("count", self.count, 1)
 
-    def draw(self, key: Key[Array, ""], model: mjx.Model, start: dict[str, Array]) -> tuple[dict, dict]:
-        """`count` starts and changes of the model, as arrays with a leading axis.
+    def draw(self, key: Key[Array, ""], count: int, model: mjx.Model, start: dict[str, Array]) -> tuple[dict, dict]:
+        """So many starts and changes of the model, as arrays with a leading axis.
 
         Raises:
           InputError: for a name that is neither the start's nor the model's, or a shape that is not its own.
         """
-        drawn = dict(jax.vmap(self.sample)(jax.random.split(key, self.count)))
+        drawn = dict(jax.vmap(self.sample)(jax.random.split(key, count)))
         fields = {name for name in mjx.Model.__annotations__ if isinstance(getattr(model, name, None), jax.Array)}
         for name, value in drawn.items():
             if name not in fields and name not in MOVING:
