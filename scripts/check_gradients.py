@@ -22,7 +22,7 @@ from tog_mjx.checks.outputs import load_cost
 from tog_mjx.checks.page import write_page
 from tog_mjx.checks.scene import check_scene
 from tog_mjx.checks.starts import keyframe_start, saved_start
-from tog_mjx.checks.variables import OF_DATA
+from tog_mjx.checks.wrt import OF_DATA
 from tog_mjx.console import ArgumentParser, run_main
 from tog_mjx.errors import printable
 from tog_mjx.implicit import STEPS

@@ -11,7 +11,7 @@ from tog_mjx._mjx import put_model
 from tog_mjx.checks.motion import Simulation
 from tog_mjx.checks.outputs import Outputs, complete
 from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.variables import Variables
+from tog_mjx.checks.wrt import Variables
 from tog_mjx.state import on_mjx
 
 STEPS, SHORT = 40, 1e-5

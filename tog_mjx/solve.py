@@ -29,12 +29,12 @@ from tog_mjx.errors import InputError, require_kind
 from tog_mjx.gradients import exact
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.starts import Starts
+from tog_mjx.pytrees import variables
 from tog_mjx.rollout import objective
 from tog_mjx.simulators import check_names, gradient_charge, precision
 from tog_mjx.tasks import Task, get_task
 from tog_mjx.types import AnyArray, Scalar
 from tog_mjx.user_code import call, real
-from tog_mjx.variables import variables
 
 CHARGE = 4.0
 """Evaluations of J that a gradient of any function counts as: what those of the simulators take."""

@@ -21,8 +21,8 @@ from tog_mjx.checks.zeros import zeros
 from tog_mjx.errors import InputError, require_kind
 from tog_mjx.problems.objective import objective as problem_objective
 from tog_mjx.problems.problem import Problem
+from tog_mjx.pytrees import variables
 from tog_mjx.user_code import call, real
-from tog_mjx.variables import variables
 
 DIRECTIONS = 6
 """Derivatives are taken in all variables up to so many, else along so many random directions."""

@@ -13,7 +13,7 @@ from tog_mjx.checks import parameters, spoilers
 from tog_mjx.checks.finding import Finding, Level
 from tog_mjx.checks.lines import Lines
 from tog_mjx.checks.spoilers import Question, Spoiler
-from tog_mjx.checks.variables import Variables
+from tog_mjx.checks.wrt import Variables
 from tog_mjx.quiet import without_warnings
 from tog_mjx.state import copy_of, default_start
 from tog_mjx.supported import Culprit, ignored, name_of, unsupported

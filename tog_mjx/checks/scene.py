@@ -24,8 +24,8 @@ from tog_mjx.checks.preflight import preflight
 from tog_mjx.checks.scene_function import SceneFunction
 from tog_mjx.checks.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.touch_down import touch_down
-from tog_mjx.checks.variables import default_wrt
 from tog_mjx.checks.variants import precision, solver, stiffness, time_step
+from tog_mjx.checks.wrt import default_wrt
 from tog_mjx.checks.zeros import cancelled, zeros
 from tog_mjx.errors import InputError, require_kind
 from tog_mjx.followers import Origin, compiled
@@ -54,7 +54,7 @@ def check_scene(
       start: the state, and the controls held; `tog_mjx.state.default_start` if None. It is left as it is.
       steps, differentiation: see `SceneFunction`.
       output: see `tog_mjx.checks.outputs.Outputs`.
-      wrt: see `tog_mjx.checks.variables.Variables`; if None the controls, or the velocities of a scene without
+      wrt: see `tog_mjx.checks.wrt.Variables`; if None the controls, or the velocities of a scene without
         actuators.
       path: the MJCF file that the model was read from: the preflight then names its lines, and variables move all that
         follows from them, see `tog.Parameter`.

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from tog_mjx._mjx import mjx
 from tog_mjx.checks.outputs import Cost, Outputs
-from tog_mjx.checks.variables import Variables
+from tog_mjx.checks.wrt import Variables
 from tog_mjx.errors import require_choice, require_whole
 from tog_mjx.followers import Origin
 from tog_mjx.implicit import STEPS
