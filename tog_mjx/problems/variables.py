@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx._mjx import mjx
 from tog_mjx.errors import InputError, require_choice, require_whole
-from tog_mjx.fields import array_name, entries
+from tog_mjx.fields import array_name, entries, field_of
 from tog_mjx.followers import Origin
 from tog_mjx.integration import positions_after
 from tog_mjx.parameter import Parameter
@@ -168,7 +168,7 @@ class Parameters:
         names = [
             f"{part.array}[{', '.join(map(str, place))}]"
             for part in parts
-            for place in zip(*np.unravel_index(part.chosen, part.shape), strict=True)
+            for place in zip(*np.unravel_index(part.chosen, field_of(given.model, part.array).shape), strict=True)
         ]
         ends = np.cumsum([len(part.value) for part in parts])[:-1]
 
