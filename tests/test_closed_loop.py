@@ -44,7 +44,7 @@ def test_a_short_training_flips_boxes_that_it_has_not_seen(study):
     with jax.enable_x64():
         problem = study["closed_loop"]("flip", starts=16)
         before = study["judge"](problem, problem.x0)
-        found = tog.solve(problem, budget=48 * 16 * 4, reach=0.1, simulator="penalty")
+        found = tog.solve(problem, budget=48 * 16 * 4, reach=0.1, engine="penalty")
         after = study["judge"](problem, found.last)
         assert before["success"] == 0
         assert after["median"] < 0.1 * before["median"]

@@ -23,7 +23,7 @@ def test_a_guess_3_cm_off_succeeds_within_the_budget(name, budget, successes):
     ("differentiation", "method", "updates"), [(None, "solve", 25), ("saltation", "saltation, solve", 20)]
 )
 def test_it_is_the_method_of_the_studies(differentiation, method, updates):
-    descent = tog.solve("flip", budget=100, simulator="penalty", differentiation=differentiation)
+    descent = tog.solve("flip", budget=100, engine="penalty", differentiation=differentiation)
     found = compute(Cell("flip", "penalty", method, updates, steps=(step_size(tog.get_task("flip"), updates),)))
     np.testing.assert_allclose(descent.costs, found.costs[0], rtol=1e-9)
     np.testing.assert_allclose(descent.setpoints_best, found.best[0], rtol=1e-9)
@@ -31,9 +31,7 @@ def test_it_is_the_method_of_the_studies(differentiation, method, updates):
 
 
 def test_the_gradient_is_the_one_asked_for():
-    descents = [
-        tog.solve("flip", budget=5, simulator="penalty", differentiation=how) for how in ("native", "saltation")
-    ]
+    descents = [tog.solve("flip", budget=5, engine="penalty", differentiation=how) for how in ("native", "saltation")]
     for descent, how in zip(descents, ("native", "saltation"), strict=True):
         expected = jax.grad(tog.objective("flip", "penalty", differentiation=how))(descent.setpoints[0])
         np.testing.assert_allclose(descent.gradients, [expected], rtol=1e-9)
@@ -43,7 +41,7 @@ def test_the_gradient_is_the_one_asked_for():
 
 def test_many_variables_and_another_guess():
     task = tog.get_task("flip", knots=4)
-    descent = tog.solve(task, task.initial_guess + 0.01, budget=60, simulator="penalty")
+    descent = tog.solve(task, task.initial_guess + 0.01, budget=60, engine="penalty")
     np.testing.assert_array_equal(descent.setpoints[0], task.initial_guess + 0.01)
     assert descent.setpoints.shape == (15, 8)
     assert descent.costs.min() < descent.costs[0] / 10
@@ -52,7 +50,7 @@ def test_many_variables_and_another_guess():
 def test_a_function_is_solved_as_the_task_is():
     task, J = tog.get_task("flip"), tog.objective("flip", "penalty")
     own = tog.solve(J, task.initial_guess, budget=100, reach=1.0)
-    np.testing.assert_allclose(own.costs, tog.solve(task, budget=100, simulator="penalty").costs, rtol=1e-12)
+    np.testing.assert_allclose(own.costs, tog.solve(task, budget=100, engine="penalty").costs, rtol=1e-12)
     np.testing.assert_array_equal(own.setpoints_best, own.setpoints[own.best_iteration])
 
 
@@ -94,7 +92,7 @@ def looped(x):
         ((jnp.sum,), {}, "a function has no guess of its own; give one"),
         ((jnp.sum, np.ones(2)), {"budget": 3}, "budget is 3: one gradient of sum takes 4.0 evaluations"),
         ((jnp.sum, np.ones(2)), {"reach": -1}, "reach is -1: give a positive number"),
-        ((jnp.sum, np.ones(2)), {"simulator": "mjx"}, "simulator and differentiation are a task's"),
+        ((jnp.sum, np.ones(2)), {"simulator": "mjx"}, "engine and differentiation are a task's"),
         ((jnp.sum, {"a": "far"}), {}, r"the guess\['a'\] is of type str"),
         ((lambda x: x, np.ones(2)), {}, r"<lambda> returns an array of shape \[2\]; give one number"),
         ((lambda x: {"J": x}, np.ones(2)), {}, "<lambda> returns a dict; give one number"),

@@ -30,37 +30,37 @@ class Trajectory(NamedTuple):
 
 
 @overload
-def rollout(task: str | Task, u: Numbers, simulator: str = "mjx", **options: str) -> Trajectory: ...
+def rollout(task: str | Task, u: Numbers, engine: str = "mjx", **options: str) -> Trajectory: ...
 @overload
-def rollout(task: Problem, u: Numbers, simulator: str = "mjx", **options: Any) -> Motion: ...
-def rollout(task: str | Task | Problem, u: Numbers, simulator: str = "mjx", **options: Any) -> Trajectory | Motion:
+def rollout(task: Problem, u: Numbers, engine: str = "mjx", **options: Any) -> Motion: ...
+def rollout(task: str | Task | Problem, u: Numbers, engine: str = "mjx", **options: Any) -> Trajectory | Motion:
     """The motion of a task under setpoints, or of a problem under its variables.
 
     Args:
       task: "flip", "grasp" or a Task, or a Problem, whose motion is a `tog_mjx.problems.objective.Motion`.
       u: setpoints [2F] in m, or [K * 2F] of a task with K knots; x [n] of a problem.
-      simulator: the engine, "mjx", "penalty" or "released"; `options` as in `objective`.
+      engine: "mjx", "penalty" or "released"; `options` as in `objective`.
 
     Raises:
       InputError: for an unknown name or option, or setpoints of the wrong shape or not finite.
     """
     if isinstance(task, Problem):
-        return problem_objective(task, simulator, **options).motion(u)
+        return problem_objective(task, _engine(engine, options), **options).motion(u)
     task = get_task(task)
     u = check_setpoints(task, u)
-    return _compiled(trajectory, task, simulator, options)(u)
+    return _compiled(trajectory, task, _engine(engine, options), options)(u)
 
 
 @overload
-def objective(task: str | Task, simulator: str = "mjx", **options: str) -> Callable[..., Scalar]: ...
+def objective(task: str | Task, engine: str = "mjx", **options: str) -> Callable[..., Scalar]: ...
 @overload
-def objective(task: Problem, simulator: str = "mjx", **options: Any) -> Objective: ...
-def objective(task: str | Task | Problem, simulator: str = "mjx", **options: Any) -> Callable[..., Scalar]:
+def objective(task: Problem, engine: str = "mjx", **options: Any) -> Objective: ...
+def objective(task: str | Task | Problem, engine: str = "mjx", **options: Any) -> Callable[..., Scalar]:
     """A task's cost J(u), a compiled function of setpoints u [K * 2F]: to jit, vmap and differentiate in both modes.
 
     Args:
       task: "flip", "grasp" or a Task; or a Problem, see `tog_mjx.problems.objective.objective`.
-      simulator: "mjx" (option `differentiation="implicit" | "saltation" | "native"`), "penalty" (options
+      engine: "mjx" (option `differentiation="implicit" | "saltation" | "native"`), "penalty" (options
         `friction="mujoco" | "paper"` and `differentiation="native" | "saltation"`) or "released" (option
         `mended`, one quirk out of `tog_mjx.simulators.released.MENDED`).
 
@@ -70,10 +70,15 @@ def objective(task: str | Task | Problem, simulator: str = "mjx", **options: Any
       InputError: for an unknown name or option; J raises it for setpoints of the wrong shape or not finite.
     """
     if isinstance(task, Problem):
-        return problem_objective(task, simulator, **options)
-    task = get_task(task)
-    _compiled(final_cost, task, simulator, options)  # Names are checked now, not at the first call.
-    return functools.partial(_cost, task, simulator, options)
+        return problem_objective(task, _engine(engine, options), **options)
+    task, engine = get_task(task), _engine(engine, options)
+    _compiled(final_cost, task, engine, options)  # Names are checked now, not at the first call.
+    return functools.partial(_cost, task, engine, options)
+
+
+def _engine(name: str, options: dict[str, Any]) -> str:
+    """The engine's name, also by the older word for it, which leaves the options."""
+    return str(options.pop("simulator", name))
 
 
 def _cost(task: Task, simulator: str, options: dict[str, str], u: Numbers) -> Scalar:

@@ -46,6 +46,7 @@ def solve(
     *,
     budget: int | float = 1000,
     reach: int | float | None = None,
+    engine: str | None = None,
     simulator: str | None = None,
     differentiation: str | None = None,
     report: Callable[[int], None] | None = None,
@@ -64,7 +65,7 @@ def solve(
       reach: how far the answer may lie from the guess, in the units of the variables: all updates together can move
         each of them by twice as much. None: as far as a variable is from zero, and at least 1; of a task, the
         longer side of its window.
-      simulator: of a task or a problem: "mjx" (if None), "penalty" or "released".
+      engine: of a task or a problem: "mjx" (if None), "penalty" or "released". `simulator` is its older name.
       differentiation: of a task or a problem: which gradient to follow, an option of the simulator; None is its own,
         the derivative between two jumps of the motion. That succeeds at least as often on both tasks, with any number
         of knots: on the grasp with constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the
@@ -82,22 +83,23 @@ def solve(
         require_kind("reach", reach, Real, "give a number, in the units of the variables")
         if not 0 < reach < float("inf"):
             raise InputError(f"reach is {reach}: give a positive number, in the units of the variables")
+    engine = engine or simulator
     if isinstance(problem, Problem):
-        return _solve_problem(problem, guess, budget, reach, simulator or "mjx", differentiation, report)
+        return _solve_problem(problem, guess, budget, reach, engine or "mjx", differentiation, report)
     if callable(problem):
-        if simulator or differentiation:
-            raise InputError("simulator and differentiation are a task's; a function of your own has its own")
+        if engine or differentiation:
+            raise InputError("engine and differentiation are a task's; a function of your own has its own")
         return _solve_function(problem, guess, budget, reach, report)
     task = get_task(problem)
     if isinstance(guess, Real):
         raise InputError(f"the guess is {guess}: give setpoints; a budget is given by its name, budget={guess}")
-    simulator = simulator or "mjx"
+    engine = engine or "mjx"
     options = {"differentiation": differentiation} if differentiation else {}
-    check_names(simulator, options)
-    gradients = _gradients(budget, gradient_charge(simulator, differentiation), simulator)
-    with precision(simulator):
+    check_names(engine, options)
+    gradients = _gradients(budget, gradient_charge(engine, differentiation), engine)
+    with precision(engine):
         return descend(
-            exact(objective(task, simulator, **options)),
+            exact(objective(task, engine, **options)),
             task.initial_guess if guess is None else guess,
             rule=update_rule(step_size(task, gradients) if reach is None else 2 * reach / gradients),
             iterations=gradients - 1,

@@ -37,28 +37,32 @@ class Objective:
     def __init__(self, problem: Problem, engine: Engine, checkpoint: int | None):
         self.problem, self.engine, self._checkpoint = problem, engine, checkpoint
         self.__name__ = f"J of {problem.scene.name}"
-        self._mean = jax.jit(lambda x, key: self.each(x, key).mean())
+        self._jitted_costs = jax.jit(self._costs, static_argnums=2)
+        self._jitted_motion = jax.jit(self._motion)
+        self._jitted_motions = jax.jit(lambda x, key: self._from_starts(functools.partial(self._motion, x), key))
 
     def __call__(self, x: Numbers, key: Key[Array, ""] | None = None) -> Scalar:
         """J at x [n]; raises InputError for an x of another shape, and a cost that fails."""
-        return self._mean(self.problem.check(x), jax.random.key(0) if key is None else key)
+        return self.each(x, jax.random.key(0) if key is None else key).mean()
 
     def each(self, x: Numbers, key: Key[Array, ""], count: int | None = None) -> Float[Array, " count"]:
         """The cost of each start that the key draws, so many of them or the problem's own number; of a problem with one
         start that one [1]."""
-        x = self.problem.check(x)
-        return self._from_starts(lambda model, start: self._cost(x, model, start), key, count)
+        return self._jitted_costs(self.problem.check(x), key, count)
 
     def motion(self, x: Numbers, key: Key[Array, ""] | None = None) -> Motion:
         """The motion under x; with a key those of the starts that it draws, with a leading axis."""
         x = self.problem.check(x)
         if key is None:
-            return self._motion(x, self.engine.model, self._origin)
-        return self._from_starts(lambda model, start: self._motion(x, model, start), key)
+            return self._jitted_motion(x, self.engine.model, self._origin)
+        return self._jitted_motions(x, key)
 
     @property
     def _origin(self) -> dict[str, Array]:
         return {name: getattr(self.engine.origin, name) for name in MOVING}
+
+    def _costs(self, x: Array, key: Key[Array, ""], count: int | None) -> Float[Array, " count"]:
+        return self._from_starts(functools.partial(self._cost, x), key, count)
 
     def _from_starts(self, function: Callable[..., Any], key: Key[Array, ""], count: int | None = None) -> Any:
         starts, model, origin = self.problem.start, self.engine.model, self._origin
