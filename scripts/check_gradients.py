@@ -1,6 +1,7 @@
 """Can the gradient of this scene be trusted? A preflight, a dozen checks, and one line: the verdict.
 
-Any MJCF file that MJX can simulate. Exit status: 0 trust, 1 trust with care, 3 do not trust, 2 for bad input.
+Any MJCF file that MJX can simulate, or a problem of your own, as my_problem.py:push. Exit status: 0 trust, 1 trust with
+care, 3 do not trust, 2 for bad input.
 """
 
 if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
@@ -14,32 +15,35 @@ import json
 import sys
 from pathlib import Path
 
+import jax
 from rich.console import Console
 from rich.text import Text
 
-from tog_mjx.checks.finding import Finding, Level, Verdict
-from tog_mjx.checks.outputs import load_cost
+from tog_mjx.checks.finding import Finding, Level, Report, Verdict
+from tog_mjx.checks.function import check
 from tog_mjx.checks.page import write_page
 from tog_mjx.checks.scene import check_scene
 from tog_mjx.checks.starts import keyframe_start, saved_start
 from tog_mjx.checks.wrt import OF_DATA
 from tog_mjx.console import ArgumentParser, run_main
-from tog_mjx.errors import printable
-from tog_mjx.implicit import STEPS
+from tog_mjx.errors import InputError, printable
+from tog_mjx.implicit import STEPS as DIFFERENTIATIONS
+from tog_mjx.problems import Problem
 from tog_mjx.scene import compile_model, scene_path
 from tog_mjx.storage import atomic_write, check_writable
+from tog_mjx.user_code import load
 
+STEPS = 100
 _COLOURS = {Level.FINE: "green", Level.CARE: "yellow", Level.FAULT: "red"}
 
 
 def main() -> None:
     args = parse_arguments()
     console = Console(stderr=True, highlight=False, soft_wrap=True)
-    path = scene_path(args.scene)
+    is_problem = ":" in args.scene and not Path(args.scene).exists()
+    path = Path(args.scene.partition(":")[0]) if is_problem else scene_path(args.scene)
     outputs, inputs = (args.json, args.html), [path, *([args.state] if args.state else [])]
     check_writable(*(output for output in outputs if output), inputs=inputs)
-    model = compile_model(path)
-    start = saved_start(model, args.state) if args.state else keyframe_start(model, args.keyframe)
     with console.status("") as status:
 
         def report(name: str, finding: Finding | None) -> None:
@@ -47,18 +51,7 @@ def main() -> None:
             if finding:
                 console.print(told(finding))
 
-        verdict = check_scene(
-            model,
-            start,
-            steps=args.steps,
-            wrt=args.wrt,
-            output=load_cost(args.cost) if args.cost else args.output,
-            differentiation=args.differentiation,
-            path=path,
-            quick=args.quick,
-            estimators=args.estimators,
-            report=report,
-        )
+        verdict = _of_problem(args, report) if is_problem else _of_scene(args, path, report)
     print(printable(f"{path.stem}: {verdict.subject}: {verdict.line}"), flush=True)  # Writing may fail.
     if args.json:
         write_json(args.json, verdict)
@@ -67,16 +60,44 @@ def main() -> None:
     sys.exit(verdict.exit_status)
 
 
+def _of_scene(args: argparse.Namespace, path: Path, report: Report) -> Verdict:
+    model = compile_model(path)
+    start = saved_start(model, args.state) if args.state else keyframe_start(model, args.keyframe)
+    return check_scene(
+        model,
+        start,
+        steps=args.steps or STEPS,
+        wrt=args.wrt,
+        output=load("cost", args.cost) if args.cost else args.output or "qpos",
+        differentiation=args.differentiation or "implicit",
+        path=path,
+        quick=args.quick,
+        estimators=args.estimators,
+        report=report,
+    )
+
+
+def _of_problem(args: argparse.Namespace, report: Report) -> Verdict:
+    """In float64, as that of a scene."""
+    for option in ("steps", "wrt", "output", "cost", "differentiation", "state", "keyframe"):
+        if getattr(args, option) is not None:
+            raise InputError(f"argument --{option}: a problem says that itself; leave it out")
+    if args.quick:
+        raise InputError("argument --quick: a problem's checks are quick ones; leave it out")
+    with jax.enable_x64():
+        return check(Problem.load(args.scene), estimators=args.estimators, report=report)
+
+
 def parse_arguments() -> argparse.Namespace:
     parser = ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", help="an MJCF file, or flip or grasp")
-    parser.add_argument("--steps", type=int, default=100, metavar="N", help="time steps (default: %(default)s)")
+    parser.add_argument("scene", help="an MJCF file, or flip or grasp, or a problem: file.py:function")
+    parser.add_argument("--steps", type=int, metavar="N", help=f"time steps (default: {STEPS})")
     default = "default: ctrl; of a scene without actuators, qvel"
     fields = "a field of mjx.Model, with what follows from it (field:NAME: alone)"
     parser.add_argument("--wrt", help=f"{', '.join(OF_DATA)} or {fields} ({default})")
-    parser.add_argument("--output", default="qpos", help="qpos, qvel, acc, a site or a sensor (default: %(default)s)")
-    parser.add_argument("--cost", metavar="PACKAGE.MODULE:FUNCTION", help="of the last mjx.Data; in place of --output")
-    parser.add_argument("--differentiation", choices=list(STEPS), default="implicit", help="default: %(default)s")
+    parser.add_argument("--output", help="qpos, qvel, acc, a site or a sensor (default: qpos)")
+    parser.add_argument("--cost", metavar="FILE.py:FUNCTION", help="of the last mjx.Data; in place of --output")
+    parser.add_argument("--differentiation", choices=list(DIFFERENTIATIONS), help="default: implicit")
     begin = parser.add_mutually_exclusive_group()
     begin.add_argument("--state", type=Path, metavar="FILE", help="a .npz or .json with qpos, qvel, act, ctrl")
     begin.add_argument("--keyframe", metavar="NAME", help="default: start, else the first, else the initial pose")

@@ -1,7 +1,8 @@
 """Look at a scene, or at the motion that a run found: in a window, in a web browser, or as a GIF or a video.
 
 Without --run, C MuJoCo simulates the scene under constant setpoints. With --run, the motion is that of the simulator
-which made the result.
+which made the result. Of a problem, as my_problem.py:push, it is that of MJX under its guess, or under the numbers of
+--x.
 """
 
 if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
@@ -18,6 +19,7 @@ import numpy as np
 from tog_mjx import viewing
 from tog_mjx.console import ArgumentParser, run_main, within
 from tog_mjx.errors import InputError
+from tog_mjx.problems import Problem
 from tog_mjx.scene import compile_model, scene_path
 from tog_mjx.storage import check_writable
 from tog_mjx.tasks import TASKS, get_task
@@ -30,12 +32,13 @@ SLOW = 0.25
 
 def main() -> None:
     args = parse_arguments()
-    path = scene_path(args.scene)
+    problem = Problem.load(args.scene) if is_problem(args.scene) else None
+    path = Path(args.scene.rpartition(":")[0]) if problem else scene_path(args.scene)
     task = next((name for name in TASKS if scene_path(name).resolve() == path.resolve()), None)
-    model = compile_model(path)
+    model = problem.scene.model if problem else compile_model(path)
     setpoints, motion = None if args.setpoints is None else np.array(args.setpoints), None
     data = viewing.start(model, setpoints)
-    check_writable(*args.files, inputs=[path, *([args.run] if args.run else [])])
+    check_writable(*args.files, inputs=[path, *(given for given in (args.run, args.x) if given)])
     if args.mp4:
         viewing.check_video(tuple(args.size))
     if not (args.files or args.web):
@@ -47,6 +50,9 @@ def main() -> None:
         print(told(iterate), flush=True)
         data = viewing.start(model, iterate.setpoints)
         motion = viewing.replay(iterate, args.duration)
+    if problem:
+        x = viewing.read_numbers(args.x) if args.x else problem.x0
+        motion = viewing.motion_of(problem, x)
     if args.files:
         duration = args.duration or (horizon(task) if task else DURATION)
         animate(args, model, data, motion or viewing.simulate(model, data, duration), SLOW if task else 1.0)
@@ -61,12 +67,13 @@ def main() -> None:
 
 def parse_arguments() -> argparse.Namespace:
     parser = ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("scene", help=f"{', '.join(TASKS)}, or the path of any MJCF file")
+    parser.add_argument("scene", help=f"{', '.join(TASKS)}, the path of any MJCF file, or a problem: file.py:function")
     what = parser.add_mutually_exclusive_group()
     default = "default: those of the keyframe start, else of the first keyframe, else 0"
     each = "one of each actuator; of a task: x and z of each finger in m"
     what.add_argument("--setpoints", type=float, nargs="+", metavar="U", help=f"{each} ({default})")
     what.add_argument("--run", type=Path, metavar="RESULT.npz", help="show the motion of a run of reproduce_paper.py")
+    what.add_argument("--x", type=Path, metavar="FILE.npy", help="the variables of a problem (default: its guess)")
     iterate = "of the run; 0 is the initial guess (default: best)"
     parser.add_argument("--iterate", type=which, metavar="best|last|N", help=iterate)
     where = parser.add_argument_group("where to show it (default: a window)")
@@ -96,6 +103,11 @@ def check(parser: ArgumentParser, args: argparse.Namespace) -> argparse.Namespac
     ):
         if getattr(args, option) is not None and not present:
             parser.error(f"argument --{option}: it needs {needed}")
+    for option in ("setpoints", "run", "duration"):
+        if is_problem(args.scene) and getattr(args, option) is not None:
+            parser.error(f"argument --{option}: a problem has its own; leave it out")
+    if args.x and not is_problem(args.scene):
+        parser.error("argument --x: it is of a problem, file.py:function")
     if args.web and args.files:
         parser.error("argument --web: give it, or --gif and --mp4")
     if args.web and args.speed and not args.run:
@@ -105,6 +117,10 @@ def check(parser: ArgumentParser, args: argparse.Namespace) -> argparse.Namespac
         if getattr(args, option) is None:
             setattr(args, option, value)
     return args
+
+
+def is_problem(scene: str) -> bool:
+    return ":" in scene and not Path(scene).exists()
 
 
 def which(text: str) -> str | int:

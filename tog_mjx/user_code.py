@@ -2,9 +2,12 @@
 
 import importlib
 import os
+import runpy
+import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import jax
@@ -15,6 +18,7 @@ from jaxtyping import Array
 
 from tog_mjx import errors
 from tog_mjx.errors import InputError
+from tog_mjx.fields import attribute
 
 _OTHERS = tuple(f"{Path(str(some.__file__)).parent}{os.sep}" for some in (errors, jax, jaxtyping, mujoco, importlib))
 """Folders of code that may stand between a user's and what failed."""
@@ -35,6 +39,31 @@ def call(what: str, function: Callable, *args: Any) -> Any:
         else:
             why = f"{type(error).__name__}: {error}".strip().splitlines()[0]
         raise InputError(f"{what}: {why}") from error
+
+
+def load(what: str, name: str) -> Callable:
+    """The function that "package.module:function" or "path/file.py:function" names; modules of the working folder are
+    found too.
+
+    Raises:
+      InputError: of `what`, if it cannot be imported, or is no function.
+    """
+    module, _, function = name.rpartition(":")
+    if not module or not function:
+        raise InputError(f"{what} {name!r}: give package.module:function or file.py:function")
+    folder = str(Path.cwd())
+    if folder not in sys.path:
+        sys.path.insert(0, folder)
+    found = call(f"{what} {name!r} cannot be imported", lambda: attribute(_module(module), function))
+    if not callable(found):
+        raise InputError(f"{what} {name!r} is no function but a {type(found).__name__}")
+    return found
+
+
+def _module(name: str) -> Any:
+    if not name.endswith(".py"):
+        return importlib.import_module(name)
+    return SimpleNamespace(**runpy.run_path(name))
 
 
 def real(what: str, value: Any, wanted: str) -> Array:

@@ -1,10 +1,7 @@
 """What is asked of the last state of a motion: numbers y [m] of it."""
 
-import importlib
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import jax.numpy as jnp
 import mujoco
@@ -13,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from tog_mjx._mjx import constraint_rows, mjx
 from tog_mjx.errors import InputError, near, require_kind
-from tog_mjx.fields import array_name, attribute, entries
+from tog_mjx.fields import array_name, entries
 from tog_mjx.implicit import FORWARDS
 from tog_mjx.user_code import call, real
 
@@ -111,24 +108,6 @@ def completed(model: mjx.Model, data: mjx.Data) -> mjx.Data:
     if constraint_rows(data).jacobian.size == 0:
         data = mjx.sensor_acc(model, data)  # Which MJX leaves out where nothing can touch.
     return mjx.subtree_vel(model, mjx.rne_postconstraint(model, data))
-
-
-def load_cost(name: str) -> Cost:
-    """The function that "package.module:function" names; modules of the working folder are found too.
-
-    Raises:
-      InputError: if it cannot be imported, or is no function.
-    """
-    module, _, function = name.partition(":")
-    if not module or not function:
-        raise InputError(f"cost {name!r}: give package.module:function")
-    folder = str(Path.cwd())
-    if folder not in sys.path:
-        sys.path.insert(0, folder)
-    found = call(f"cost {name!r} cannot be imported", lambda: attribute(importlib.import_module(module), function))
-    if not callable(found):
-        raise InputError(f"cost {name!r} is no function but a {type(found).__name__}")
-    return found
 
 
 def _number(name: str, cost: Cost, data: mjx.Data) -> Float[Array, "1"]:

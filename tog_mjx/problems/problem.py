@@ -20,6 +20,7 @@ from tog_mjx.problems.variables import Bound, Controls, Setting, Several, Variab
 from tog_mjx.scene import Scene, compile_model, scene_path
 from tog_mjx.state import default_start, require_state
 from tog_mjx.types import AnyArray, Numbers
+from tog_mjx.user_code import call, load
 
 Cost = Callable[[State], AnyArray]
 CONSTANT = Controls()
@@ -69,6 +70,17 @@ class Problem:
         if isinstance(self.start, mujoco.MjData):
             require_state(self.scene.model, self.start)
         _ = self.x0, self.limits  # Wrong shapes are told now, not later.
+
+    @classmethod
+    def load(cls, name: str) -> "Problem":
+        """What the function that "my_problem.py:push" or "package.module:push" names returns.
+
+        Raises:
+          InputError: if it cannot be imported, fails, or returns no Problem.
+        """
+        found = call(f"the problem {name!r} fails", load("problem", name))
+        require_kind(f"what {name!r} returns", found, cls, "give a tog.Problem")
+        return found
 
     @property
     def _compiled_from(self) -> Origin | None:

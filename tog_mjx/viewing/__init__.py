@@ -6,6 +6,8 @@ from tog_mjx.viewing.animation import write_mp4 as write_mp4
 from tog_mjx.viewing.browser import show_in_browser as show_in_browser
 from tog_mjx.viewing.motion import Motion as Motion
 from tog_mjx.viewing.motion import frame_times as frame_times
+from tog_mjx.viewing.motion import motion_of as motion_of
+from tog_mjx.viewing.motion import read_numbers as read_numbers
 from tog_mjx.viewing.motion import simulate as simulate
 from tog_mjx.viewing.motion import start as start
 from tog_mjx.viewing.playback import Live as Live

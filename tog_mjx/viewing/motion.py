@@ -1,14 +1,19 @@
-"""Motions to show: simulated by C MuJoCo under constant setpoints, or that of a descent's iterate."""
+"""Motions to show: simulated by C MuJoCo under constant setpoints, or that of a problem."""
 
+from pathlib import Path
 from typing import NamedTuple
 
+import jax
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.errors import InputError
+from tog_mjx.problems import Problem
+from tog_mjx.problems.objective import objective
 from tog_mjx.quiet import without_warnings
 from tog_mjx.state import default_start, start_key
+from tog_mjx.types import Numbers
 
 _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
@@ -80,6 +85,38 @@ def simulate(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> Mot
                 )
             qpos.append(data.qpos.copy())
     return Motion(np.arange(len(qpos)) * model.opt.timestep, np.array(qpos))
+
+
+def motion_of(problem: Problem, x: Numbers) -> Motion:
+    """That of a problem on MJX, under its variables x [n].
+
+    Raises:
+      InputError: for an x of another shape, or a motion that does not stay finite.
+    """
+    with jax.enable_x64():
+        found = objective(problem).motion(x)
+    qpos = np.asarray(found.qpos)
+    if not np.isfinite(qpos).all():
+        step = int(np.isfinite(qpos).all(1).argmin())
+        raise InputError(f"the motion is not finite from step {step} on; give other variables, or a smaller time step")
+    return Motion(np.asarray(found.time) - float(found.time[0]), qpos)
+
+
+def read_numbers(path: Path) -> np.ndarray:
+    """The array of a .npy file.
+
+    Raises:
+      InputError: for a file that cannot be read as one.
+    """
+    try:
+        found = np.load(path, allow_pickle=False)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); give a .npy file") from None
+    except ValueError as error:
+        raise InputError(f"{path}: is no .npy file: {' '.join(str(error).split())}") from None
+    if not isinstance(found, np.ndarray):
+        raise InputError(f"{path}: holds several arrays; give a .npy file, of one")
+    return found
 
 
 def frame_times(duration: float, fps: float, speed: float) -> Float[np.ndarray, " n"]:
