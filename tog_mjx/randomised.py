@@ -22,7 +22,7 @@ _UNKNOWN = 99
 def batched_fields(model: mjx.Model) -> dict[str, tuple[int, ...]]:
     """The fields with more axes than a field of one model has, and their shapes."""
     leaves = jax.tree_util.tree_leaves_with_path(model)
-    return {_name(path): leaf.shape for path, leaf in leaves if leaf.ndim > _rank(_name(path))}
+    return {_name(path): np.shape(leaf) for path, leaf in leaves if np.ndim(leaf) > _rank(_name(path))}
 
 
 def in_axes(model: mjx.Model) -> Any:
