@@ -94,6 +94,11 @@ def parse_arguments() -> argparse.Namespace:
 def check(parser: ArgumentParser, args: argparse.Namespace) -> argparse.Namespace:
     """Options that mean nothing together are refused, not ignored; defaults are filled in."""
     args.files = [file for file in (args.gif, args.mp4) if file]
+    for option in ("setpoints", "run", "duration"):
+        if is_problem(args.scene) and getattr(args, option) is not None:
+            parser.error(f"argument --{option}: a problem has its own; leave it out")
+    if args.x and not is_problem(args.scene):
+        parser.error("argument --x: it is of a problem, file.py:function")
     for option, needed, present in (
         ("iterate", "--run", args.run),
         ("port", "--web", args.web),
@@ -103,11 +108,6 @@ def check(parser: ArgumentParser, args: argparse.Namespace) -> argparse.Namespac
     ):
         if getattr(args, option) is not None and not present:
             parser.error(f"argument --{option}: it needs {needed}")
-    for option in ("setpoints", "run", "duration"):
-        if is_problem(args.scene) and getattr(args, option) is not None:
-            parser.error(f"argument --{option}: a problem has its own; leave it out")
-    if args.x and not is_problem(args.scene):
-        parser.error("argument --x: it is of a problem, file.py:function")
     if args.web and args.files:
         parser.error("argument --web: give it, or --gif and --mp4")
     if args.web and args.speed and not args.run:

@@ -62,7 +62,6 @@ def test_it_gets_a_verdict_and_a_motion_to_look_at(run_script, file, tmp_path, m
             moved.append([np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(image)])
     guess, pushed = moved
     assert len(guess) == len(pushed) > 5
-    assert (guess[0] == pushed[0]).all()
     assert (guess[-1] != pushed[-1]).any()
 
 
