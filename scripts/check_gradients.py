@@ -66,9 +66,9 @@ def _of_scene(args: argparse.Namespace, path: Path, report: Report) -> Verdict:
     return check_scene(
         model,
         start,
-        steps=args.steps or STEPS,
+        steps=STEPS if args.steps is None else args.steps,
         wrt=args.wrt,
-        output=load("cost", args.cost) if args.cost else args.output or "qpos",
+        output=load("cost", args.cost) if args.cost else "qpos" if args.output is None else args.output,
         differentiation=args.differentiation or "implicit",
         path=path,
         quick=args.quick,
