@@ -68,7 +68,7 @@ class Objective:
         starts, model, origin = self.problem.start, self.engine.model, self._origin
         if not isinstance(starts, Starts):
             return jax.tree.map(lambda leaf: leaf[None], function(model, origin))
-        placed, fields = starts.draw(key, count or starts.count, model, origin)
+        placed, fields = starts.draw(key, starts.count if count is None else count, model, origin)
 
         def one(placed: dict[str, Array], fields: dict[str, Array]) -> Any:
             return function(model.tree_replace(fields), {**origin, **placed})
