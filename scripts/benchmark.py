@@ -19,13 +19,13 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tog_mjx.benchmarks import sections
-from tog_mjx.console import ArgumentParser, run_main
-from tog_mjx.devices import cores
-from tog_mjx.figures.crossover import draw_crossover
-from tog_mjx.figures.style import save_figure
-from tog_mjx.storage import check_writable, save_json
-from tog_mjx.tasks import TASKS, get_task
+from tog_mjx.drawing.figures.crossover import draw_crossover
+from tog_mjx.drawing.figures.style import save_figure
+from tog_mjx.paper.tasks import TASKS, get_task
+from tog_mjx.running.console import ArgumentParser, run_main
+from tog_mjx.running.devices import cores
+from tog_mjx.running.storage import check_writable, save_json
+from tog_mjx.studies.benchmarks import sections
 
 SECTIONS = ("single", "start", "batches", "crossover", "scaling")
 BATCHES, KNOTS, FACTORS = (64, 256, 1024, 4096, 16384, 40000), (1, 4, 16, 64, 256, 512), (1, 4, 16, 64)

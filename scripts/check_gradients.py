@@ -19,19 +19,19 @@ import jax
 from rich.console import Console
 from rich.text import Text
 
-from tog_mjx.checks.finding import Finding, Level, Report, Verdict
-from tog_mjx.checks.function import check
-from tog_mjx.checks.page import write_page
-from tog_mjx.checks.scene import check_scene
-from tog_mjx.checks.starts import keyframe_start, saved_start
-from tog_mjx.checks.wrt import OF_DATA
-from tog_mjx.console import ArgumentParser, run_main
-from tog_mjx.errors import InputError, printable
-from tog_mjx.implicit import STEPS as DIFFERENTIATIONS
+from tog_mjx.checks.function_verdict import check
+from tog_mjx.checks.scene_verdict import check_scene
+from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict
+from tog_mjx.drawing.report.verdict_page import write_page
+from tog_mjx.mjcf.keyframes import keyframe_start, saved_start
+from tog_mjx.mjcf.scene import compile_model, scene_path
 from tog_mjx.problems import Problem
-from tog_mjx.scene import compile_model, scene_path
-from tog_mjx.storage import atomic_write, check_writable
-from tog_mjx.user_code import load
+from tog_mjx.problems.wrt import OF_DATA
+from tog_mjx.running.console import ArgumentParser, run_main
+from tog_mjx.running.errors import InputError, printable
+from tog_mjx.running.storage import atomic_write, check_writable
+from tog_mjx.running.user_code import load
+from tog_mjx.stepping.implicit import STEPS as DIFFERENTIATIONS
 
 STEPS = 100
 _COLOURS = {Level.FINE: "green", Level.CARE: "yellow", Level.FAULT: "red"}

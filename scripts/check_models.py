@@ -26,9 +26,9 @@ from rich.status import Status
 from rich.table import Table
 
 from tog_mjx.checks.alone import COLUMNS, CRASHED, finish_file
-from tog_mjx.console import CONTINUES, ArgumentParser, run_main, within
-from tog_mjx.errors import MANY, InputError, printable
-from tog_mjx.storage import atomic_write, check_writable
+from tog_mjx.running.console import CONTINUES, ArgumentParser, run_main, within
+from tog_mjx.running.errors import MANY, InputError, printable
+from tog_mjx.running.storage import atomic_write, check_writable
 
 
 def main() -> None:

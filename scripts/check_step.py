@@ -16,10 +16,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from tog_mjx.console import ArgumentParser, Work, run_main
-from tog_mjx.errors import printable
-from tog_mjx.scene import load_scene
-from tog_mjx.step_check import METHODS, ORDERS, Verdict, check_second_order, check_step, require_joints
+from tog_mjx.checks.step_check import METHODS, ORDERS, Verdict, check_second_order, check_step, require_joints
+from tog_mjx.mjcf.scene import load_scene
+from tog_mjx.running.console import ArgumentParser, Work, run_main
+from tog_mjx.running.errors import printable
 
 WIDTH = 140
 

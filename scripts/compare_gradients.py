@@ -16,16 +16,17 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tog_mjx import agreement, friction_law
-from tog_mjx.agreement import METHODS, MJX, PENALTY, REFERENCE, Agreement, Gradients, Piece
-from tog_mjx.console import SEEDS, ArgumentParser, Work, run_main, within
-from tog_mjx.errors import MANY
-from tog_mjx.figures import draw_agreement
-from tog_mjx.figures.style import save_figure
-from tog_mjx.landscape import gradient_field, landscape
-from tog_mjx.simulators import TERMS
-from tog_mjx.storage import DamagedFileError, check_writable, save_json
-from tog_mjx.tasks import TASKS, get_task
+from tog_mjx.drawing.figures import draw_agreement
+from tog_mjx.drawing.figures.style import save_figure
+from tog_mjx.engines import TERMS
+from tog_mjx.paper import friction_law
+from tog_mjx.paper import gradient_agreement as agreement
+from tog_mjx.paper.gradient_agreement import METHODS, MJX, PENALTY, REFERENCE, Agreement, Gradients, Piece
+from tog_mjx.paper.tasks import TASKS, get_task
+from tog_mjx.running.console import SEEDS, ArgumentParser, Work, run_main, within
+from tog_mjx.running.errors import MANY
+from tog_mjx.running.storage import DamagedFileError, check_writable, save_json
+from tog_mjx.studies.landscape import gradient_field, landscape
 
 LANDSCAPE, ARROWS = 40, 12
 """Points and arrows of the figure, along each axis."""

@@ -14,14 +14,14 @@ from pathlib import Path
 
 from rich.console import Console
 
-from tog_mjx import comparison, gallery
-from tog_mjx.comparison import METHODS
-from tog_mjx.console import CONTINUES, GRID_MOST, SEEDS, ArgumentParser, run_main, within
-from tog_mjx.errors import MANY
-from tog_mjx.execution import finish_landscape, finish_runs
-from tog_mjx.simulators import SIMULATORS
-from tog_mjx.storage import check_writable
-from tog_mjx.tasks import TASKS, get_task
+from tog_mjx.engines import SIMULATORS
+from tog_mjx.paper import comparison, gallery
+from tog_mjx.paper.comparison import METHODS
+from tog_mjx.paper.execution import finish_landscape, finish_runs
+from tog_mjx.paper.tasks import TASKS, get_task
+from tog_mjx.running.console import CONTINUES, GRID_MOST, SEEDS, ArgumentParser, run_main, within
+from tog_mjx.running.errors import MANY
+from tog_mjx.running.storage import check_writable
 
 
 def main() -> None:

@@ -20,20 +20,20 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tog_mjx import comparison, gallery
-from tog_mjx.comparison import METHODS, Run
-from tog_mjx.console import GRID_MOST, SEEDS, ArgumentParser, Work, run_main, within
-from tog_mjx.descent import Descent
-from tog_mjx.errors import MANY
-from tog_mjx.execution import find_finished, finish_landscape, finish_runs, label
-from tog_mjx.gallery import Picture
-from tog_mjx.landscape import Landscape
-from tog_mjx.published import published
-from tog_mjx.report import Section, write_report
-from tog_mjx.report.playback import GRID, scenario, thinned
-from tog_mjx.simulators import SIMULATORS
-from tog_mjx.storage import check_writable, save_json
-from tog_mjx.tasks import TASKS, Task, get_task
+from tog_mjx.drawing.report import Section, write_report
+from tog_mjx.drawing.report.packed import GRID, scenario, thinned
+from tog_mjx.engines import SIMULATORS
+from tog_mjx.paper import comparison, gallery
+from tog_mjx.paper.comparison import METHODS, Run
+from tog_mjx.paper.execution import find_finished, finish_landscape, finish_runs, label
+from tog_mjx.paper.gallery import Picture
+from tog_mjx.paper.published import published
+from tog_mjx.paper.tasks import TASKS, Task, get_task
+from tog_mjx.running.console import GRID_MOST, SEEDS, ArgumentParser, Work, run_main, within
+from tog_mjx.running.errors import MANY
+from tog_mjx.running.storage import check_writable, save_json
+from tog_mjx.solving.descent import Descent
+from tog_mjx.studies.landscape import Landscape
 
 REPORT = "report.html"
 

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tog_mjx import viewing
-from tog_mjx.console import ArgumentParser, run_main, within
-from tog_mjx.errors import InputError
+from tog_mjx.drawing import viewing
+from tog_mjx.mjcf.scene import compile_model, scene_path
+from tog_mjx.paper.tasks import TASKS, get_task
 from tog_mjx.problems import Problem
-from tog_mjx.scene import compile_model, scene_path
-from tog_mjx.storage import check_writable
-from tog_mjx.tasks import TASKS, get_task
+from tog_mjx.running.console import ArgumentParser, run_main, within
+from tog_mjx.running.errors import InputError
+from tog_mjx.running.storage import check_writable
 
 DURATION = 2.0
 """Seconds shown of a scene that is not a task's."""

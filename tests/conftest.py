@@ -22,12 +22,12 @@ import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
-from tog_mjx import console
-from tog_mjx.console import enable_compilation_cache
-from tog_mjx.rollout import Trajectory, final_cost, trajectory
-from tog_mjx.simulators import Simulator
-from tog_mjx.tasks import Task, get_task
-from tog_mjx.xla_flags import tune_compiler
+from tog_mjx.engines import Simulator
+from tog_mjx.engines.rollout import Trajectory, final_cost, trajectory
+from tog_mjx.paper.tasks import Task, get_task
+from tog_mjx.running import console
+from tog_mjx.running.console import enable_compilation_cache
+from tog_mjx.running.xla_flags import tune_compiler
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_num_cpu_devices", 1)  # Whichever script a test starts first.

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tog_mjx import comparison
-from tog_mjx.comparison import Run
-from tog_mjx.descent import Descent, Status
+from tog_mjx.paper import comparison
+from tog_mjx.paper.comparison import Run
+from tog_mjx.solving.descent import Descent, Status
 
 COSTS = np.array([2.0, 1.0, 1.5])
 

@@ -5,7 +5,7 @@ Every contact of a state is the same kind, and no state is near a kink of the co
 
 import numpy as np
 
-from tog_mjx.scene import Physics
+from tog_mjx.mjcf.scene import Physics
 
 KINDS = ("free", "sticking", "sliding", "parting")
 

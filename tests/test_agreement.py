@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from conftest import positions
 
-from tog_mjx.rollout import Trajectory
-from tog_mjx.scene import Physics
-from tog_mjx.simulators import MjxSimulator, make_simulator
-from tog_mjx.simulators.penalty import box_distance
-from tog_mjx.simulators.plane import Plane
+from tog_mjx.engines import MjxSimulator, make_simulator
+from tog_mjx.engines.penalty import box_distance
+from tog_mjx.engines.plane import Plane
+from tog_mjx.engines.rollout import Trajectory
+from tog_mjx.mjcf.scene import Physics
 
 MEDIAN = 0.05e-3  # m
 NINETY_PERCENT = 0.2e-3  # m

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from tog_mjx.solving.methods import traces
 from tog_mjx.studies.asymmetry import (
     ANTISYMMETRIC,
     LISTED,
@@ -15,7 +16,6 @@ from tog_mjx.studies.asymmetry import (
     predicted_growth,
     worst_factor,
 )
-from tog_mjx.studies.methods import traces
 from tog_mjx.studies.study import Store
 
 # Symmetric under the exchange of the fingers; along the antisymmetric rows its Hessian is diag(1, 9) + 2.

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx import _mjx
-from tog_mjx._mjx import make_data, mended, mjx, put_model
-from tog_mjx.integration import positions_after
-from tog_mjx.safe import impedance, rotation_vector
-from tog_mjx.step_check import compile_quickly
+from tog_mjx.checks.step_check import compile_quickly
+from tog_mjx.stepping import _mjx
+from tog_mjx.stepping._mjx import make_data, mended, mjx, put_model
+from tog_mjx.stepping.integration import positions_after
+from tog_mjx.stepping.safe import impedance, rotation_vector
 
 AT_REST = """<mujoco><option tolerance="1e-14" iterations="50" ls_iterations="50"/>
   <default><geom contype="0" conaffinity="0"/></default><worldbody>

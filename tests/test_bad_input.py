@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tog_mjx
-from tog_mjx._mjx import make_data, put_model
+from tog_mjx.stepping._mjx import make_data, put_model
 
 ARM = """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/><geom size="0.1"/><site name="gripper"/></body>
   </worldbody><actuator><motor joint="hinge"/></actuator></mujoco>"""

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from tog_mjx import batches
-from tog_mjx.batches import CHUNK, map_kept, map_points
-from tog_mjx.storage import save_result
+from tog_mjx.running import batches
+from tog_mjx.running.batches import CHUNK, map_kept, map_points
+from tog_mjx.running.storage import save_result
 
 POINTS = np.random.default_rng(0).normal(size=(4 * CHUNK - 3, 2))
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tog_mjx.benchmarks import sections
+from tog_mjx.studies.benchmarks import sections
 
 KEYS = {
     "single": {"simulator", "what", "ms", "evaluations", "seconds_compile", "megabytes"},

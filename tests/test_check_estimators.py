@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.checks import estimators
-from tog_mjx.checks.estimators import SIGMAS, compare_at
-from tog_mjx.checks.finding import Finding, Level
+from tog_mjx.checks.measured import estimators
+from tog_mjx.checks.measured.estimators import SIGMAS, compare_at
+from tog_mjx.checks.told.finding import Finding, Level
 from tog_mjx.gradients import local
 
 SLOPE = np.array([3.0, -4.0, 1.0])

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.checks.agreement import agreement, between_jumps, sweep
-from tog_mjx.checks.finding import Finding, Level
-from tog_mjx.checks.jumps import find_jumps, judge_jumps, lacks
+from tog_mjx.checks.measured.agreement import agreement, between_jumps, sweep
+from tog_mjx.checks.measured.jumps import find_jumps, judge_jumps, lacks
+from tog_mjx.checks.told.finding import Finding, Level
 
 GALLERY = Path(__file__).parent / "scenes" / "verdicts"
 

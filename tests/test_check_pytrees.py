@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.checks.finding import Level
+from tog_mjx.checks.told.finding import Level
 
 
 @pytest.fixture(autouse=True)

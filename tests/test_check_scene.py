@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.checks.agreement import Sweep, sweep
-from tog_mjx.checks.finding import Finding, Level
-from tog_mjx.checks.motion import NEVER, Simulation
-from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.stages import contacts, growth, untouched
-from tog_mjx.checks.starts import keyframe_start, saved_start
-from tog_mjx.checks.zeros import zeros
-from tog_mjx.scene import compile_model
+from tog_mjx.checks.measured.agreement import Sweep, sweep
+from tog_mjx.checks.measured.recorded import NEVER, Simulation
+from tog_mjx.checks.measured.stages import contacts, growth, untouched
+from tog_mjx.checks.measured.zeros import zeros
+from tog_mjx.checks.told.finding import Finding, Level
+from tog_mjx.mjcf.keyframes import keyframe_start, saved_start
+from tog_mjx.mjcf.scene import compile_model
+from tog_mjx.problems.scene_function import SceneFunction
 
 GALLERY = Path(__file__).parent / "scenes" / "verdicts"
 SCENES = tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]
@@ -29,7 +29,7 @@ NOT_QUICK = ("precision", "differentiation")
 
 def validate_verdict(found: dict) -> None:
     """The documented schema holds, and no number is NaN."""
-    schema = json.loads(resources.files("tog_mjx").joinpath("checks", "verdict.schema.json").read_text())
+    schema = json.loads(resources.files("tog_mjx").joinpath("checks", "told", "verdict.schema.json").read_text())
     jsonschema.validate(json.loads(json.dumps(found, allow_nan=False)), schema)
     for finding in found["findings"]:
         assert len({len(curve) for curve in finding["curves"].values()}) <= 1
@@ -38,7 +38,7 @@ def validate_verdict(found: dict) -> None:
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene["file"])
 def test_the_gallery_gets_its_verdicts(scene, monkeypatch):
     # Compiled once more for each scene, and asked for in tests of its own.
-    monkeypatch.setattr("tog_mjx.checks.scene.reverse", lambda *_: Finding("reverse mode", Level.FINE, ""))
+    monkeypatch.setattr("tog_mjx.checks.scene_verdict.reverse", lambda *_: Finding("reverse mode", Level.FINE, ""))
     model = compile_model(GALLERY / scene["file"])
     verdict = tog.check_scene(
         model,

@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from tog_mjx._mjx import put_model
-from tog_mjx.checks.finding import Finding, Level
-from tog_mjx.checks.motion import Motion, Simulation
-from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.starts import keyframe_start
-from tog_mjx.checks.variants import judge_solver, judge_stiffness, judge_time_step, stiffer, time_step
-from tog_mjx.scene import compile_model
+from tog_mjx.checks.measured.recorded import Motion, Simulation
+from tog_mjx.checks.measured.variants import judge_solver, judge_stiffness, judge_time_step, stiffer, time_step
+from tog_mjx.checks.told.finding import Finding, Level
+from tog_mjx.mjcf.keyframes import keyframe_start
+from tog_mjx.mjcf.scene import compile_model
+from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.stepping._mjx import put_model
 
 GALLERY = Path(__file__).parent / "scenes" / "verdicts"
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import mjx
-from tog_mjx.checks.finding import Level
-from tog_mjx.step_check import compile_quickly
+from tog_mjx.checks.step_check import compile_quickly
+from tog_mjx.checks.told.finding import Level
+from tog_mjx.stepping._mjx import mjx
 
 H = 1e-5
 

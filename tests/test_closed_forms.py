@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 import tog_mjx as tog
-from tog_mjx._mjx import mjx
+from tog_mjx.stepping._mjx import mjx
 
 SOFTNESS = 0.02
 GRAVITY = 9.81

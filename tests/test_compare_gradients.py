@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tog_mjx import agreement
-from tog_mjx.agreement import METHODS, REFERENCE, Gradients, Piece
+from tog_mjx.paper import gradient_agreement as agreement
+from tog_mjx.paper.gradient_agreement import METHODS, REFERENCE, Gradients, Piece
 
 NAME = "compare_gradients.py"
 POINTS = 25

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from tog_mjx import agreement, comparison
-from tog_mjx.agreement import MJX, Gradients, Piece
-from tog_mjx.comparison import Run
-from tog_mjx.descent import Status
-from tog_mjx.storage import DamagedFileError, load_result, save_result
+from tog_mjx.paper import comparison
+from tog_mjx.paper import gradient_agreement as agreement
+from tog_mjx.paper.comparison import Run
+from tog_mjx.paper.gradient_agreement import MJX, Gradients, Piece
+from tog_mjx.running.storage import DamagedFileError, load_result, save_result
+from tog_mjx.solving.descent import Status
 
 RUN = Run("penalty", "flip", "exact", iterations=2)
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jax.test_util import check_grads
 
-from tog_mjx.constraints import Rows, constraint_force, residual, solution
+from tog_mjx.stepping.constraints import Rows, constraint_force, residual, solution
 
 # One equality, two friction losses, one limit, one elliptic contact of condim 3 and one of condim 6.
 LOSSES, SIZE = 2, 1 + 2 + 1 + 3 + 6

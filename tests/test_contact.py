@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tog_mjx.contact import PairParameters, PenaltyLaw, from_mjcf, inverse_weight, to_mjcf
-from tog_mjx.errors import InputError
-from tog_mjx.scene import load_scene
+from tog_mjx.mjcf.contact import PairParameters, PenaltyLaw, from_mjcf, inverse_weight, to_mjcf
+from tog_mjx.mjcf.scene import load_scene
+from tog_mjx.running.errors import InputError
 
 
 def pair_kind(name: str) -> str:

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tog_mjx.comparison import Run, compute
-from tog_mjx.descent import Status, descend
 from tog_mjx.gradients import exact, stochastic
+from tog_mjx.paper.comparison import Run, compute
+from tog_mjx.solving.descent import Status, descend
 
 CURVATURE = jnp.array([1.0, 4.0])
 

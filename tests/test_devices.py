@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tog_mjx.batches import CHUNK
-from tog_mjx.devices import cores
-from tog_mjx.landscape import landscape
-from tog_mjx.tasks import get_task
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.batches import CHUNK
+from tog_mjx.running.devices import cores
+from tog_mjx.studies.landscape import landscape
 
 ROOT = Path(__file__).parents[1]
 # The program of every process: a landscape whose points fill no chunk evenly.
@@ -23,9 +23,9 @@ address, process, processes, folder = sys.argv[1:5]
 if int(processes) > 1:
     jax.distributed.initialize(address, int(processes), int(process))
 from pathlib import Path
-from tog_mjx.landscape import landscape
-from tog_mjx.simulators import PenaltySimulator
-from tog_mjx.tasks import get_task
+from tog_mjx.studies.landscape import landscape
+from tog_mjx.engines import PenaltySimulator
+from tog_mjx.paper.tasks import get_task
 PenaltySimulator.CHUNK = 64
 said = []
 costs = landscape(get_task("flip"), "penalty", 31, Path(folder) / "kept", said.append).costs
@@ -86,7 +86,7 @@ def test_each_core_is_a_device_also_where_the_system_does_not_tell_which_are_our
 import os
 del os.sched_getaffinity
 import jax
-from tog_mjx.devices import use_all_cores
+from tog_mjx.running.devices import use_all_cores
 os.cpu_count = lambda: 3
 use_all_cores()
 print(jax.local_device_count())

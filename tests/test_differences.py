@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tog_mjx.differences import central_differences, halvings
+from tog_mjx.gradients.settled import central_differences, halvings
 
 POINTS = np.array([[0.3, -0.7], [1.1, 0.4]])
 

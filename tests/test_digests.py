@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 
 import tog_mjx
-from tog_mjx.comparison import Run
-from tog_mjx.digests import COMPUTES, modules_behind, program_digest
+from tog_mjx.paper.comparison import Run
+from tog_mjx.running.digests import COMPUTES, modules_behind, program_digest
 
 PACKAGE = Path(tog_mjx.__file__).parent
-MAKERS = ("comparison", "landscape", "agreement", "studies.cell", "studies.why", "studies.asymmetry", "checks.alone")
+STUDIES = ("studies.cell", "studies.why", "studies.asymmetry")
+MAKERS = ("paper.comparison", "studies.landscape", "paper.gradient_agreement", *STUDIES, "checks.alone")
 """Modules that keep results."""
 
 
@@ -48,13 +49,13 @@ def test_text_in_the_code_does_not_count(tmp_path):
 @pytest.mark.parametrize(
     ("file", "old", "new", "changed"),
     [
-        ("implicit.py", "/ 2", "/ 3", MAKERS),
-        ("simulators/penalty.py", "dt", "delta", MAKERS),
-        ("descent.py", "tolerance", "limit", {"comparison", "studies.cell", "studies.why", "studies.asymmetry"}),
-        ("gradients/mixed.py", "key", "keys", {"studies.cell", "studies.why", "studies.asymmetry"}),
-        ("checks/zeros.py", "slopes", "inclines", {"checks.alone"}),
+        ("stepping/implicit.py", "/ 2", "/ 3", MAKERS),
+        ("engines/penalty.py", "dt", "delta", MAKERS),
+        ("solving/descent.py", "tolerance", "limit", {"paper.comparison", *STUDIES}),
+        ("gradients/mixed.py", "key", "keys", set(STUDIES)),
+        ("checks/measured/zeros.py", "slopes", "inclines", {"checks.alone"}),
         ("studies/study.py", "quick", "fast", {"studies.why", "studies.asymmetry"}),
-        ("figures/why.py", "axes", "frame", set()),
+        ("drawing/figures/predictions.py", "axes", "frame", set()),
         ("__init__.py", "Task as Task", "Task as Work", set()),
     ],
 )
@@ -68,8 +69,8 @@ def test_code_counts_where_it_has_a_part(tmp_path, file, old, new, changed):
     [
         ("jaxlib", MAKERS),
         ("mujoco-mjx", MAKERS),
-        ("optax", {"comparison", "studies.cell", "studies.why", "studies.asymmetry"}),
-        ("evosax", {"studies.cell", "studies.why", "studies.asymmetry"}),
+        ("optax", {"paper.comparison", *STUDIES}),
+        ("evosax", set(STUDIES)),
         ("scipy", {"studies.why", "studies.asymmetry"}),
         ("matplotlib", set()),
     ],

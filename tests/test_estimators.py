@@ -30,7 +30,6 @@ from quadratic import (
     quadratic,
 )
 
-from tog_mjx.errors import InputError
 from tog_mjx.gradients import (
     Estimator,
     alpha_order,
@@ -41,6 +40,7 @@ from tog_mjx.gradients import (
     stochastic,
     zeroth_order,
 )
+from tog_mjx.running.errors import InputError
 
 SMOOTHED = {
     "zeroth": (functools.partial(zeroth_order, sigma=SIGMA, samples=SAMPLES), BASELINE),

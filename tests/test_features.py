@@ -1,6 +1,6 @@
 """Scenes of one feature each: `tog.step` has the value of `mjx.step` and the derivative of its differences.
 
-The derivative is in state, controls and every parameter of the model; see `tog_mjx.step_check`.
+The derivative is in state, controls and every parameter of the model; see `tog_mjx.checks.step_check`.
 """
 
 import functools
@@ -13,9 +13,17 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx import implicit
-from tog_mjx._mjx import mjx
-from tog_mjx.step_check import TOLERANCE, Verdict, column_errors, compile_quickly, judge, reference, step_function
+from tog_mjx.checks.step_check import (
+    TOLERANCE,
+    Verdict,
+    column_errors,
+    compile_quickly,
+    judge,
+    reference,
+    step_function,
+)
+from tog_mjx.stepping import implicit
+from tog_mjx.stepping._mjx import mjx
 
 SCENES = sorted((Path(__file__).parent / "scenes").glob("*.xml"))
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, mjx, put_model
+from tog_mjx.stepping._mjx import make_data, mjx, put_model
 
 XML = """<mujoco><option timestep="0.01"/><worldbody>
   <body><joint name="rail" type="slide" axis="1 0 0" damping="0.1"/><geom name="cart" size="0.1" mass="1"/>

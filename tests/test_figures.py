@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from tog_mjx.descent import Descent, Status
-from tog_mjx.figures import draw_descents
-from tog_mjx.figures.style import save_figure
-from tog_mjx.published import published
+from tog_mjx.drawing.figures import draw_descents
+from tog_mjx.drawing.figures.style import save_figure
+from tog_mjx.paper.published import published
+from tog_mjx.solving.descent import Descent, Status
 
 
 def descent(costs) -> Descent:

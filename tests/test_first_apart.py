@@ -4,13 +4,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from tog_mjx.checks.finding import Level
-from tog_mjx.checks.first_apart import first_apart
-from tog_mjx.checks.motion import Simulation
-from tog_mjx.checks.parity import parity
-from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.starts import keyframe_start
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.checks.measured.first_apart import first_apart
+from tog_mjx.checks.measured.parity import parity
+from tog_mjx.checks.measured.recorded import Simulation
+from tog_mjx.checks.told.finding import Level
+from tog_mjx.mjcf.keyframes import keyframe_start
+from tog_mjx.problems.scene_function import SceneFunction
 
 # A ball on a string, swung in a circle of 0.3 m at 3 rad/s: omega^2 r is 2.7 m/s^2.
 STRING = """<mujoco><option timestep="0.002"/><worldbody>

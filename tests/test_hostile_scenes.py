@@ -8,13 +8,13 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from tog_mjx import step_check
-from tog_mjx.checks.finding import Finding, Level, Verdict
-from tog_mjx.checks.preflight import preflight
-from tog_mjx.console import enable_compilation_cache, run_main
-from tog_mjx.errors import printable
-from tog_mjx.step_check import METHODS
-from tog_mjx.step_check import Verdict as StepVerdict
+from tog_mjx.checks import step_check
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.checks.step_check import METHODS
+from tog_mjx.checks.step_check import Verdict as StepVerdict
+from tog_mjx.checks.told.finding import Finding, Level, Verdict
+from tog_mjx.running.console import enable_compilation_cache, run_main
+from tog_mjx.running.errors import printable
 
 STATIC = "<mujoco><worldbody><geom name='{}' size='0.1'/></worldbody></mujoco>"
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from tog_mjx import console
-from tog_mjx.checks import scene as scene_checks
+from tog_mjx.checks import scene_verdict as scene_checks
+from tog_mjx.running import console
 from tog_mjx.studies.study import Store
 
 ROOT = Path(__file__).parent.parent
@@ -82,7 +82,7 @@ def test_what_is_ignored_stays_ignored(monkeypatch):
 
 CRASHING = """
 import atexit, os, signal, sys
-from tog_mjx.console import run_main
+from tog_mjx.running.console import run_main
 
 def main():
     atexit.register(os.kill, os.getpid(), signal.SIGSEGV)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.errors import InputError
-from tog_mjx.rollout import interpolate
+from tog_mjx.engines.rollout import interpolate
+from tog_mjx.running.errors import InputError
 
 RAMP = np.array([0.0, 0.25, 0.2, 0.4, 0.1, 0.8])
 """Three knots of the flip."""

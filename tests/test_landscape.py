@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.landscape import gradient_field, grid, landscape
-from tog_mjx.tasks import get_task
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.studies.landscape import gradient_field, grid, landscape
 
 
 @pytest.mark.parametrize("name", ["flip", "grasp"])

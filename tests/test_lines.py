@@ -4,7 +4,7 @@ from pathlib import Path
 
 import mujoco
 
-from tog_mjx.checks.lines import Lines
+from tog_mjx.mjcf.lines import Lines
 
 MAIN = """<mujoco>
   <option timestep="0.001"/>

@@ -12,12 +12,12 @@ from conftest import cost_in_c, simulate_in_c
 from jax.test_util import check_grads
 from states import KINDS, draw_state
 
-from tog_mjx import implicit
-from tog_mjx._mjx import check_version, mjx
-from tog_mjx.rollout import final_cost, rollout
-from tog_mjx.scene import load_scene, scene_path
-from tog_mjx.simulators import MjxSimulator, make_simulator
-from tog_mjx.tasks import get_task
+from tog_mjx.engines import MjxSimulator, make_simulator
+from tog_mjx.engines.rollout import final_cost, rollout
+from tog_mjx.mjcf.scene import load_scene, scene_path
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.stepping import implicit
+from tog_mjx.stepping._mjx import check_version, mjx
 
 SCENE = get_task("grasp").scene
 EPS = float(np.finfo(float).eps) ** (1 / 3)

@@ -1,4 +1,4 @@
-"""Each thing that MJX keeps private and `tog_mjx._mjx` reads is what it is taken for: C MuJoCo's, at one state."""
+"""Each thing that MJX keeps private and `stepping._mjx` reads is what it is taken for: C MuJoCo's, at one state."""
 
 import jax
 import jax.numpy as jnp
@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from tog_mjx import step_check
-from tog_mjx._mjx import (
+from tog_mjx.checks import step_check
+from tog_mjx.stepping._mjx import (
     constraint_rows,
     contacts,
     geom_pairs,

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import put_model
-from tog_mjx.checks.motion import Simulation
-from tog_mjx.checks.outputs import Outputs, complete
-from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.wrt import Variables
-from tog_mjx.state import on_mjx
+from tog_mjx.checks.measured.recorded import Simulation
+from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.problems.wrt import Variables
+from tog_mjx.stepping._mjx import put_model
+from tog_mjx.stepping.mjx_state import on_mjx
+from tog_mjx.stepping.outputs import Outputs, complete
 
 STEPS, SHORT = 40, 1e-5
 HAND = """<mujoco>

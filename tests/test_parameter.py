@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, put_model
-from tog_mjx.checks.finding import Level
-from tog_mjx.checks.motion import Simulation
-from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.fields import float_fields
-from tog_mjx.followers import LEADERS
-from tog_mjx.state import default_start
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.checks.measured.recorded import Simulation
+from tog_mjx.checks.told.finding import Level
+from tog_mjx.mjcf.fields import float_fields
+from tog_mjx.mjcf.followers import LEADERS
+from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.stepping._mjx import make_data, put_model
+from tog_mjx.stepping.mjx_state import default_start
 
 TREE = """<mujoco>
   <compiler angle="radian"/>

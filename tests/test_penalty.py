@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from jax.test_util import check_grads
 from states import KINDS, draw_state
 
-from tog_mjx.contact import PenaltyLaw
-from tog_mjx.rollout import final_cost
-from tog_mjx.simulators import PenaltySimulator, make_simulator
-from tog_mjx.simulators.penalty import box_distance, mujoco_limit_force, paper_force
-from tog_mjx.simulators.plane import Plane
-from tog_mjx.tasks import get_task
-from tog_mjx.types import AnyArray
+from tog_mjx.engines import PenaltySimulator, make_simulator
+from tog_mjx.engines.penalty import box_distance, mujoco_limit_force, paper_force
+from tog_mjx.engines.plane import Plane
+from tog_mjx.engines.rollout import final_cost
+from tog_mjx.mjcf.contact import PenaltyLaw
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.types import AnyArray
 
 LAW = PenaltyLaw(stiffness=1000.0, damping=60.0, friction=0.7, viscosity=20.0, slope=2.0)
 SCENE = get_task("grasp").scene

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tog_mjx.figures import planar
+from tog_mjx.drawing.figures import planar
 
 ANGLE = 0.4
 """Counter-clockwise in the x-z plane: a rotation about -y."""

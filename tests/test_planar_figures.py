@@ -7,13 +7,13 @@ import pytest
 from matplotlib.contour import QuadContourSet
 from matplotlib.patches import Polygon
 
-from tog_mjx import gallery
-from tog_mjx.descent import Descent, Status
-from tog_mjx.figures import draw_landscape, draw_motions, draw_setups
-from tog_mjx.figures.landscapes import LEVELS
-from tog_mjx.figures.motions import SNAPSHOTS, Motion
-from tog_mjx.landscape import Landscape, grid
-from tog_mjx.tasks import get_task
+from tog_mjx.drawing.figures import draw_landscape, draw_motions, draw_setups
+from tog_mjx.drawing.figures.fading import SNAPSHOTS, Motion
+from tog_mjx.drawing.figures.landscapes import LEVELS
+from tog_mjx.paper import gallery
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.solving.descent import Descent, Status
+from tog_mjx.studies.landscape import Landscape, grid
 
 HALF = 0.25
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, mjx, put_model
-from tog_mjx.checks.finding import Level
-from tog_mjx.checks.preflight import Remark, preflight
+from tog_mjx.checks.file.preflight import Remark, preflight
+from tog_mjx.checks.told.finding import Level
+from tog_mjx.stepping._mjx import make_data, mjx, put_model
 
 SCENE = """<mujoco>
   <option timestep="0.002" iterations="100" ls_iterations="50" OPTION=""><flag FLAG="enable"/></option>

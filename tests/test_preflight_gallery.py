@@ -6,9 +6,9 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from tog_mjx.checks.finding import Finding, Level
-from tog_mjx.checks.preflight import Remark, preflight
-from tog_mjx.scene import models_folder
+from tog_mjx.checks.file.preflight import Remark, preflight
+from tog_mjx.checks.told.finding import Finding, Level
+from tog_mjx.mjcf.scene import models_folder
 
 GALLERY = Path(__file__).parent / "scenes" / "verdicts"
 EXPECTED = {entry["file"]: entry for entry in tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, put_model
-from tog_mjx.checks.preflight import preflight
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.stepping._mjx import make_data, put_model
 
 
 @pytest.mark.parametrize(

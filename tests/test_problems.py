@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.differences import central_differences, halvings
-from tog_mjx.step_check import compile_quickly
-from tog_mjx.tasks import flip_cost, grasp_cost
+from tog_mjx.checks.step_check import compile_quickly
+from tog_mjx.gradients.settled import central_differences, halvings
+from tog_mjx.paper.tasks import flip_cost, grasp_cost
 
 # A mass on a rail, pushed; a hinge that turns freely beside it.
 RAIL = """

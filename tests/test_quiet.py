@@ -2,10 +2,10 @@
 
 import mujoco
 
-from tog_mjx import viewing
-from tog_mjx.checks.preflight import preflight
-from tog_mjx.quiet import without_warnings
-from tog_mjx.scene import compile_model, scene_path
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.drawing import viewing
+from tog_mjx.mjcf.scene import compile_model, scene_path
+from tog_mjx.running.quiet import without_warnings
 
 SINGULAR = "<mujoco><worldbody><body><joint/><joint/><geom size='0.1'/></body></worldbody></mujoco>"
 

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tog_mjx.published import published
-from tog_mjx.simulators import make_simulator, precision
-from tog_mjx.simulators.released import MENDED, ReleasedSimulator, ReleasedState
+from tog_mjx.engines import make_simulator, precision
+from tog_mjx.paper.published import published
+from tog_mjx.paper.released import MENDED, ReleasedSimulator, ReleasedState
+from tog_mjx.paper.tasks import get_task
 from tog_mjx.studies.catalogue import STUDIES
 from tog_mjx.studies.study import Store
-from tog_mjx.tasks import get_task
 
 PHYSICS = get_task("grasp").scene.physics
 DT, G, HALF = PHYSICS.timestep, PHYSICS.gravity, 0.25

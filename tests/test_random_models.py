@@ -21,10 +21,10 @@ from hypothesis import strategies as st
 from random_models import Structure, model_of, state_of, structure_of
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, mjx, put_model
-from tog_mjx.differences import central_differences, halvings
-from tog_mjx.implicit import STEPS
-from tog_mjx.step_check import compile_quickly
+from tog_mjx.checks.step_check import compile_quickly
+from tog_mjx.gradients.settled import central_differences, halvings
+from tog_mjx.stepping._mjx import make_data, mjx, put_model
+from tog_mjx.stepping.implicit import STEPS
 
 MODELS, STATES, HORIZON = 15, 4, 20
 SETTLED, TOLERANCE = 1e-6, 1e-5

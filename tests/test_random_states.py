@@ -15,10 +15,10 @@ import mujoco.rollout
 import numpy as np
 import pytest
 
-from tog_mjx.devices import cores
-from tog_mjx.differences import Differences, central_differences, halvings
-from tog_mjx.simulators import MjxSimulator, make_simulator
-from tog_mjx.tasks import Task, get_task
+from tog_mjx.engines import MjxSimulator, make_simulator
+from tog_mjx.gradients.settled import Differences, central_differences, halvings
+from tog_mjx.paper.tasks import Task, get_task
+from tog_mjx.running.devices import cores
 
 STATES = 10_000
 TOLERANCE = 1e-5

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import released_oracle
 
-from tog_mjx.comparison import Run, compute
-from tog_mjx.published import published
-from tog_mjx.simulators import make_simulator
-from tog_mjx.tasks import get_task
+from tog_mjx.engines import make_simulator
+from tog_mjx.paper.comparison import Run, compute
+from tog_mjx.paper.published import published
+from tog_mjx.paper.tasks import get_task
 
 
 def test_exact_flip_is_the_published_one():

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.comparison import Run
-from tog_mjx.descent import Descent, Status
-from tog_mjx.gallery import Picture, draw_common, table_1
-from tog_mjx.landscape import landscape
-from tog_mjx.motions import Motions
-from tog_mjx.report import Section, write_report
-from tog_mjx.report.answer import answers
-from tog_mjx.report.playback import EVERY, FARTHEST, GRID, ITERATES, QUANTUM, pack, scenario, thinned, unpack
-from tog_mjx.tasks import get_task
+from tog_mjx.drawing.report import Section, write_report
+from tog_mjx.drawing.report.packed import EVERY, FARTHEST, GRID, ITERATES, QUANTUM, pack, scenario, thinned, unpack
+from tog_mjx.engines.many import Motions
+from tog_mjx.paper.answer import answers
+from tog_mjx.paper.comparison import Run
+from tog_mjx.paper.gallery import Picture, draw_common, table_1
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.solving.descent import Descent, Status
+from tog_mjx.studies.landscape import landscape
 
 
 def descent(costs: list[float], setpoints: np.ndarray | None = None) -> Descent:

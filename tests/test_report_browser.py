@@ -6,12 +6,12 @@ import shutil
 import numpy as np
 import pytest
 
-from tog_mjx.descent import Descent, Status
-from tog_mjx.gallery import draw_common, table_1
-from tog_mjx.landscape import landscape
-from tog_mjx.report import Section, write_report
-from tog_mjx.report.playback import GRID, QUANTUM, scenario, unpack
-from tog_mjx.tasks import get_task
+from tog_mjx.drawing.report import Section, write_report
+from tog_mjx.drawing.report.packed import GRID, QUANTUM, scenario, unpack
+from tog_mjx.paper.gallery import draw_common, table_1
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.solving.descent import Descent, Status
+from tog_mjx.studies.landscape import landscape
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: pip install '.[browser]'")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tog_mjx import comparison
-from tog_mjx.comparison import Run
-from tog_mjx.errors import InputError
+from tog_mjx.paper import comparison
+from tog_mjx.paper.comparison import Run
+from tog_mjx.running.errors import InputError
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "reproduce_paper.py"
 QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2", "--landscape", "0"]

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx import reference
-from tog_mjx.benchmarks.rivals import c_loop, python_loop
-from tog_mjx.benchmarks.timing import compiled, interleaved
-from tog_mjx.simulators import make_simulator
-from tog_mjx.tasks import get_task
+from tog_mjx.engines import make_simulator, reference
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.studies.benchmarks.rivals import c_loop, python_loop
+from tog_mjx.studies.benchmarks.timing import compiled, interleaved
 
 FLIP = get_task("flip")
 

@@ -1,4 +1,4 @@
-"""The singular points of `tog_mjx.safe`."""
+"""The singular points of `tog_mjx.stepping.safe`."""
 
 import math
 from fractions import Fraction
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from tog_mjx.safe import cos_sinc, safe_norm
+from tog_mjx.stepping.safe import cos_sinc, safe_norm
 
 
 def test_norm_and_its_gradient_are_zero_at_zero():

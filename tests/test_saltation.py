@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, put_model
-from tog_mjx.implicit import STEPS
-from tog_mjx.step_check import compile_quickly, step_function
-from tog_mjx.touch import KICKS
+from tog_mjx.checks.step_check import compile_quickly, step_function
+from tog_mjx.stepping._mjx import make_data, put_model
+from tog_mjx.stepping.implicit import STEPS
+from tog_mjx.stepping.touch import KICKS
 
 ROOT = Path(__file__).parent.parent
 SALTATION = "saltation"

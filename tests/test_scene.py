@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from tog_mjx.errors import InputError
-from tog_mjx.scene import load_scene, scene_names, scene_path
-from tog_mjx.tasks import get_task
+from tog_mjx.mjcf.scene import load_scene, scene_names, scene_path
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.errors import InputError
 
 SPHERE = '<body><freejoint/><geom name="ball" size="0.1"/></body>'
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx import implicit
-from tog_mjx._mjx import put_model
-from tog_mjx.checks.finding import Level
-from tog_mjx.constraints import Rows
-from tog_mjx.scene import compile_model
-from tog_mjx.state import default_start, on_mjx
-from tog_mjx.step_check import ORDERS, check_second_order, compile_quickly
+from tog_mjx.checks.step_check import ORDERS, check_second_order, compile_quickly
+from tog_mjx.checks.told.finding import Level
+from tog_mjx.mjcf.scene import compile_model
+from tog_mjx.stepping import implicit
+from tog_mjx.stepping._mjx import put_model
+from tog_mjx.stepping.constraints import Rows
+from tog_mjx.stepping.mjx_state import default_start, on_mjx
 
 SCENES = Path(__file__).parent / "scenes"
 TOLERANCE = 1e-5

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import mjx
+from tog_mjx.stepping._mjx import mjx
 
 # A driven pendulum that swings into its joint limit.
 XML = """<mujoco><option timestep="0.005" tolerance="1e-14" iterations="50"/><worldbody>

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.solve import step_size
+from tog_mjx.solving.solve import step_size
 from tog_mjx.studies.cell import SUCCESS, Cell, compute
 
 

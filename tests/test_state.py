@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx import reference, state
-from tog_mjx._mjx import put_model
-from tog_mjx.checks import parity as parity_of
-from tog_mjx.checks.finding import Level
-from tog_mjx.checks.motion import Simulation
-from tog_mjx.checks.parity import parity
-from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.starts import keyframe_start, saved_start
-from tog_mjx.scene import load_scene, scene_path
-from tog_mjx.step_check import step_function
-from tog_mjx.tasks import get_task
-from tog_mjx.viewing import start as shown_start
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.checks.measured import parity as parity_of
+from tog_mjx.checks.measured.parity import parity
+from tog_mjx.checks.measured.recorded import Simulation
+from tog_mjx.checks.step_check import step_function
+from tog_mjx.checks.told.finding import Level
+from tog_mjx.drawing.viewing import start as shown_start
+from tog_mjx.engines import reference
+from tog_mjx.mjcf.keyframes import keyframe_start, saved_start
+from tog_mjx.mjcf.scene import load_scene, scene_path
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.stepping import mjx_state as state
+from tog_mjx.stepping._mjx import put_model
 
 FILTERED = """<mujoco><option timestep="0.01"/><worldbody><body name="held" mocap="true"/>
   <body><joint name="hinge" axis="0 1 0" damping="0.1"/><geom size="0.1" pos="0 0 0.5" mass="1"/></body></worldbody>
@@ -110,9 +111,9 @@ def test_every_road_starts_at_the_same_place(keyframes, position, tmp_path, monk
         met.append(scene.start.qpos[0])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tog_mjx.checks.preflight._spoilers", spoilers)
+    monkeypatch.setattr("tog_mjx.checks.file.preflight._spoilers", spoilers)
     preflight(model)
-    monkeypatch.setattr("tog_mjx.checks.scene.Simulation", no_further)
+    monkeypatch.setattr("tog_mjx.checks.scene_verdict.Simulation", no_further)
     with pytest.raises(KeyboardInterrupt):
         tog.check_scene(model)
     assert met == [position] * 3

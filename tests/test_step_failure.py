@@ -5,10 +5,10 @@ import mujoco
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, put_model
-from tog_mjx.checks.finding import Level
-from tog_mjx.checks.preflight import preflight
-from tog_mjx.supported import step_failure
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.checks.told.finding import Level
+from tog_mjx.mjcf.supported import step_failure
+from tog_mjx.stepping._mjx import make_data, put_model
 
 
 def test_the_elliptic_cone_needs_geoms_that_can_meet():
@@ -66,11 +66,11 @@ def test_what_nobody_knew_mjx_cannot_step_is_a_finding(monkeypatch):
     model = mujoco.MjModel.from_xml_string(
         LIMITED.format(sensor='<touch site="tip"/>', off=OFF, flag='gravity="enable"')
     )
-    monkeypatch.setattr("tog_mjx.checks.scene.preflight", lambda *_: [])
+    monkeypatch.setattr("tog_mjx.checks.scene_verdict.preflight", lambda *_: [])
     (finding,) = tog.check_scene(model, wrt="qvel", steps=2).findings
     assert (finding.check, finding.level) == ("motion", Level.FAULT)
     assert "at least one array to concatenate" in finding.sentence
-    monkeypatch.setattr("tog_mjx.checks.failure.step_failure", lambda _: "")
+    monkeypatch.setattr("tog_mjx.checks.told.failure.step_failure", lambda _: "")
     with pytest.raises(ValueError, match="at least one array"):
         tog.check_scene(model, wrt="qvel", steps=2)
 
@@ -79,7 +79,7 @@ def test_a_scene_too_large_for_memory_is_a_finding(monkeypatch):
     def exhaust(*_):
         raise jax.errors.JaxRuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 720765081192 bytes.")
 
-    monkeypatch.setattr("tog_mjx.checks.motion.Simulation.run", exhaust)
+    monkeypatch.setattr("tog_mjx.checks.measured.recorded.Simulation.run", exhaust)
     model = mujoco.MjModel.from_xml_string(LIMITED.format(sensor="", off="", flag='gravity="enable"'))
     finding = tog.check_scene(model, wrt="qvel", steps=2).findings[-1]
     assert (finding.check, finding.level) == ("motion", Level.FAULT)

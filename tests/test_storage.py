@@ -6,8 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from tog_mjx.errors import InputError
-from tog_mjx.storage import DamagedFileError, atomic_write, check_writable, load_result, save_json, save_result
+from tog_mjx.running.errors import InputError
+from tog_mjx.running.storage import DamagedFileError, atomic_write, check_writable, load_result, save_json, save_result
 
 ARRAYS = {"costs": np.linspace(0, 1, 500), "setpoints": np.arange(6.0).reshape(3, 2)}
 

@@ -9,18 +9,18 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tog_mjx.comparison import Run
-from tog_mjx.comparison import compute as compute_run
-from tog_mjx.figures.profiles import draw_profiles
-from tog_mjx.landscape import grid as window_grid
-from tog_mjx.rollout import objective
-from tog_mjx.storage import load_result, save_result
+from tog_mjx.drawing.figures.profiles import draw_profiles
+from tog_mjx.engines.rollout import objective
+from tog_mjx.paper.comparison import Run
+from tog_mjx.paper.comparison import compute as compute_run
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.storage import load_result, save_result
+from tog_mjx.solving.methods import METHODS
 from tog_mjx.studies import catalogue
 from tog_mjx.studies.catalogue import candidates, chosen
 from tog_mjx.studies.cell import Cell, Found, compute, updates_within
-from tog_mjx.studies.methods import METHODS
+from tog_mjx.studies.landscape import grid as window_grid
 from tog_mjx.studies.study import Comparison, Store, rows
-from tog_mjx.tasks import get_task
 
 
 @pytest.fixture(scope="module")

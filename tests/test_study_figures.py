@@ -7,11 +7,11 @@ import pandas as pd
 import pytest
 from matplotlib.collections import PolyCollection, QuadMesh
 
-from tog_mjx.figures.bands import QUANTILES, draw_bands, quantiles
-from tog_mjx.figures.basins import draw_basins
-from tog_mjx.landscape import grid
-from tog_mjx.rollout import objective
-from tog_mjx.tasks import get_task
+from tog_mjx.drawing.figures.bands import QUANTILES, draw_bands, quantiles
+from tog_mjx.drawing.figures.basins import draw_basins
+from tog_mjx.engines.rollout import objective
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.studies.landscape import grid
 
 COSTS = np.array([[2.0, 1.0, 0.5], [2.0, 3.0, 0.1], [2.0, 2.0, 0.3], [2.0, 0.5, 4.0]])
 

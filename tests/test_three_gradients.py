@@ -7,11 +7,11 @@ import jax
 import numpy as np
 import pandas as pd
 
-from tog_mjx.rollout import objective
+from tog_mjx.engines.rollout import objective
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.solving.methods import METHODS
 from tog_mjx.studies import catalogue
 from tog_mjx.studies.cell import BUDGET, Cell, compute
-from tog_mjx.studies.methods import METHODS
-from tog_mjx.tasks import get_task
 
 
 def test_a_method_with_the_jumps_follows_their_gradient():

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, put_model
-from tog_mjx.rollout import final_cost
-from tog_mjx.simulators import make_simulator
-from tog_mjx.step_check import compile_quickly
-from tog_mjx.tasks import get_task
-from tog_mjx.touch import KICKS, box_width, switch
+from tog_mjx.checks.step_check import compile_quickly
+from tog_mjx.engines import make_simulator
+from tog_mjx.engines.rollout import final_cost
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.stepping._mjx import make_data, put_model
+from tog_mjx.stepping.touch import KICKS, box_width, switch
 
 
 @pytest.mark.parametrize(("dt", "within"), [(2e-4, 0.01), (1e-3, 0.03)])

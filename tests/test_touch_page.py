@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tog_mjx.simulators import precision
+from tog_mjx.engines import precision
 
 FOLDER = Path(__file__).parent.parent / "scripts" / "findings"
 PAGE = (FOLDER / "touch.md").read_text()

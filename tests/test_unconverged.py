@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx._mjx import make_data, mjx, put_model
-from tog_mjx.implicit import STEPS
-from tog_mjx.state import copy_of, default_start, on_mjx, state_of
-from tog_mjx.step_check import compile_quickly
+from tog_mjx.checks.step_check import compile_quickly
+from tog_mjx.stepping._mjx import make_data, mjx, put_model
+from tog_mjx.stepping.implicit import STEPS
+from tog_mjx.stepping.mjx_state import copy_of, default_start, on_mjx, state_of
 
 # A ball between the floor, two limits and a dry friction: two iterations do not do. The other ball is not touched: at
 # such a contact stock MJX on the elliptic cone has the derivative NaN.

@@ -10,8 +10,8 @@ import pytest
 from PIL import Image, ImageSequence
 from saved_run import save_run
 
-from tog_mjx.rollout import rollout
-from tog_mjx.scene import compile_model, scene_path
+from tog_mjx.engines.rollout import rollout
+from tog_mjx.mjcf.scene import compile_model, scene_path
 
 NAME = "view_scene.py"
 SCENES = Path(__file__).parent / "scenes"

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from saved_run import save_run
 
-from tog_mjx.scene import compile_model, scene_path
+from tog_mjx.mjcf.scene import compile_model, scene_path
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "view_scene.py"
 PATIENCE = 600

@@ -8,15 +8,15 @@ from conftest import simulate_in_c
 from PIL import Image, ImageSequence
 from saved_run import COSTS, save_run
 
-from tog_mjx import comparison
-from tog_mjx.errors import InputError
-from tog_mjx.rollout import rollout
-from tog_mjx.scene import compile_model, load_scene, scene_path
-from tog_mjx.tasks import get_task
-from tog_mjx.viewing import Live, Loop, Motion, frame_times, read_iterate, replay, simulate, start, write_gif
-from tog_mjx.viewing.camera import aim, window
-from tog_mjx.viewing.child import run_python
-from tog_mjx.viewing.playback import HOLD
+from tog_mjx.drawing.viewing import Live, Loop, Motion, frame_times, read_iterate, replay, simulate, start, write_gif
+from tog_mjx.drawing.viewing.camera import aim, window
+from tog_mjx.drawing.viewing.child import run_python
+from tog_mjx.drawing.viewing.playback import HOLD
+from tog_mjx.engines.rollout import rollout
+from tog_mjx.mjcf.scene import compile_model, load_scene, scene_path
+from tog_mjx.paper import comparison
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.errors import InputError
 
 U = np.array([0.1, 1.0])
 

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from scipy.stats import spearmanr
 
-from tog_mjx.comparison import Run, compute
 from tog_mjx.gradients import local
+from tog_mjx.paper.comparison import Run, compute
 from tog_mjx.studies.predictors import RESAMPLES, STATISTICS, choose, most_predictive, rank_correlations
 from tog_mjx.studies.study import Drawn, Store
 from tog_mjx.studies.why import Why, measure

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tog_mjx import xla_flags
-from tog_mjx.errors import InputError
+from tog_mjx.running import xla_flags
+from tog_mjx.running.errors import InputError
 
 ROOT = Path(__file__).parents[1]
 OPTIONS = "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=1000000"

@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
-from tog_mjx.checks.agreement import sweep
-from tog_mjx.checks.finding import Finding, Level
-from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.checks.unused import unused
-from tog_mjx.checks.zeros import cancelled, zeros
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.checks.measured.agreement import sweep
+from tog_mjx.checks.measured.zeros import cancelled, zeros
+from tog_mjx.checks.told.finding import Finding, Level
+from tog_mjx.mjcf.unused import unused
+from tog_mjx.problems.scene_function import SceneFunction
 
 NAMES = ("a", "b", "c")
 

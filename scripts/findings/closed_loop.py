@@ -27,11 +27,11 @@ import pandas as pd
 from jaxtyping import Array, Float, Key
 
 import tog_mjx as tog
-from tog_mjx.console import run_main
-from tog_mjx.solve import CHARGE
-from tog_mjx.state import default_start
-from tog_mjx.tasks import get_task
-from tog_mjx.types import AnyArray
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.console import run_main
+from tog_mjx.running.types import AnyArray
+from tog_mjx.solving.solve import CHARGE
+from tog_mjx.stepping.mjx_state import default_start
 
 HERE = Path(__file__).parent
 UNITS, EVERY, SPREAD = 32, 10, 0.05

@@ -14,11 +14,11 @@ import jax
 import numpy as np
 import pandas as pd
 
-from tog_mjx.batches import map_points
-from tog_mjx.console import run_main
-from tog_mjx.errors import InputError
-from tog_mjx.rollout import objective
-from tog_mjx.simulators import SIMULATORS, precision
+from tog_mjx.engines import SIMULATORS, precision
+from tog_mjx.engines.rollout import objective
+from tog_mjx.running.batches import map_points
+from tog_mjx.running.console import run_main
+from tog_mjx.running.errors import InputError
 from tog_mjx.studies.catalogue import candidates, chosen
 from tog_mjx.studies.cell import BUDGET, Cell, Found, compute, updates_within
 from tog_mjx.studies.study import Comparison, rows

@@ -23,13 +23,13 @@ from jaxtyping import Float
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 
-from tog_mjx.batches import map_points
-from tog_mjx.console import run_main
-from tog_mjx.figures.style import BEST, GUESS, RC, new_figure, save_figure
+from tog_mjx.drawing.figures.style import BEST, GUESS, RC, new_figure, save_figure
+from tog_mjx.engines import SIMULATORS, precision
+from tog_mjx.engines.rollout import objective
 from tog_mjx.gradients.local import cosine, noise_of_mean, relative_error, zeroth_terms
-from tog_mjx.rollout import objective
-from tog_mjx.simulators import SIMULATORS, precision
-from tog_mjx.tasks import get_task
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.batches import map_points
+from tog_mjx.running.console import run_main
 
 HERE = Path(__file__).parent
 GRADIENTS = {"autodiff": "native", "saltation": "saltation"}

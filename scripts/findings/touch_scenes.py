@@ -26,12 +26,12 @@ import pandas as pd
 from jaxtyping import Array, Float
 
 import tog_mjx as tog
-from tog_mjx._mjx import put_model
-from tog_mjx.checks.scene_function import SceneFunction
-from tog_mjx.console import run_main
-from tog_mjx.scene import compile_model
-from tog_mjx.state import copy_of, state_of
-from tog_mjx.step_check import compile_quickly
+from tog_mjx.checks.step_check import compile_quickly
+from tog_mjx.mjcf.scene import compile_model
+from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.running.console import run_main
+from tog_mjx.stepping._mjx import put_model
+from tog_mjx.stepping.mjx_state import copy_of, state_of
 
 HERE = Path(__file__).parent
 FOLDER = HERE.parent.parent / "tests" / "scenes" / "touch"

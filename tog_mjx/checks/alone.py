@@ -18,16 +18,16 @@ from typing import Any
 
 import mujoco
 
-from tog_mjx._mjx import contacts, make_data, put_model
-from tog_mjx.checks.finding import Finding
-from tog_mjx.checks.preflight import preflight
-from tog_mjx.checks.scene import check_scene
-from tog_mjx.checks.starts import keyframe_start
-from tog_mjx.console import run_main
-from tog_mjx.digests import program_digest
-from tog_mjx.errors import InputError
-from tog_mjx.scene import compile_model
-from tog_mjx.storage import save_json
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.checks.scene_verdict import check_scene
+from tog_mjx.checks.told.finding import Finding
+from tog_mjx.mjcf.keyframes import keyframe_start
+from tog_mjx.mjcf.scene import compile_model
+from tog_mjx.running.console import run_main
+from tog_mjx.running.digests import program_digest
+from tog_mjx.running.errors import InputError
+from tog_mjx.running.storage import save_json
+from tog_mjx.stepping._mjx import contacts, make_data, put_model
 
 COLUMNS = ("nq", "nv", "nu", "contacts", "verdict", "check", "sentence", "seconds", "peak_mb")
 """Of a result: sizes of the model; the verdict, or one of the words below; the check that weighs most and its sentence;

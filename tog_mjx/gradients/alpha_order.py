@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
-from tog_mjx.errors import InputError
 from tog_mjx.gradients.both_orders import Mix, both_orders, combine, variance_of_mean
 from tog_mjx.gradients.estimator import Estimator, Objective
 from tog_mjx.gradients.mixed import inverse_variance
 from tog_mjx.gradients.perturbation import Size
+from tog_mjx.running.errors import InputError
 
 
 def bernstein_radius(terms: Float[Array, "N n"], confidence: Size) -> Float[Array, ""]:

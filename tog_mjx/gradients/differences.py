@@ -12,8 +12,8 @@ def central_differences(objective: Objective, step: Size) -> Estimator:
     """[J(u + h e_i) - J(u - h e_i)] / (2 h) along each axis; 2 n + 1 evaluations, one batch.
 
     Deterministic. Its error is (h^2 / 6) d^3 J / du_i^3 + O(h^4), none for a quadratic, and rounding of about
-    |J| eps / h. Across a jump of J by D it is D / (2 h). The other `central_differences`, of `tog_mjx.differences`,
-    chooses h.
+    |J| eps / h. Across a jump of J by D it is D / (2 h). The other `central_differences`, of
+    `tog_mjx.gradients.settled`, chooses h.
 
     Args:
       objective: need not be differentiable.

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from jaxtyping import Array, Float, Key
 
-from tog_mjx.types import Scalar
+from tog_mjx.running.types import Scalar
 
 Objective = Callable[[Float[Array, " n"]], Scalar]
 """J: decision variables to cost."""

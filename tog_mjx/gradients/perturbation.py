@@ -3,8 +3,8 @@
 import jax
 from jaxtyping import Array, Float, Key
 
-from tog_mjx.errors import InputError
-from tog_mjx.types import Scalar
+from tog_mjx.running.errors import InputError
+from tog_mjx.running.types import Scalar
 
 Size = float | Scalar
 """A number, or an array of one number, which may be traced."""

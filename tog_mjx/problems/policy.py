@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.errors import InputError, require_kind, require_whole
 from tog_mjx.problems.state import State
 from tog_mjx.problems.variables import Bound, Law, Setting
-from tog_mjx.pytrees import variables
-from tog_mjx.user_code import call
+from tog_mjx.running.errors import InputError, require_kind, require_whole
+from tog_mjx.running.pytrees import variables
+from tog_mjx.running.user_code import call
 
 
 def positions_and_velocities(state: State) -> Float[Array, " k"]:

@@ -11,16 +11,16 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.checks.starts import keyframe_start
-from tog_mjx.errors import InputError, require_kind, require_whole
-from tog_mjx.followers import Origin, compiled
+from tog_mjx.mjcf.followers import Origin, compiled
+from tog_mjx.mjcf.keyframes import keyframe_start
+from tog_mjx.mjcf.scene import Scene, compile_model, scene_path
 from tog_mjx.problems.starts import Starts
 from tog_mjx.problems.state import State
 from tog_mjx.problems.variables import Bound, Controls, Setting, Several, Variables
-from tog_mjx.scene import Scene, compile_model, scene_path
-from tog_mjx.state import default_start, require_state
-from tog_mjx.types import AnyArray, Numbers
-from tog_mjx.user_code import call, load
+from tog_mjx.running.errors import InputError, require_kind, require_whole
+from tog_mjx.running.types import AnyArray, Numbers
+from tog_mjx.running.user_code import call, load
+from tog_mjx.stepping.mjx_state import default_start, require_state
 
 Cost = Callable[[State], AnyArray]
 CONSTANT = Controls()

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import jax
 from jaxtyping import Array, Key
 
-from tog_mjx._mjx import mjx
-from tog_mjx.errors import InputError, near, require_kind, require_whole
-from tog_mjx.state import MOVING
+from tog_mjx.running.errors import InputError, near, require_kind, require_whole
+from tog_mjx.stepping._mjx import mjx
+from tog_mjx.stepping.mjx_state import MOVING
 
 
 @dataclass(frozen=True)

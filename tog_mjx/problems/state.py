@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import mujoco
 from jaxtyping import Array, Float
 
-from tog_mjx._mjx import mjx
-from tog_mjx.errors import InputError, near
+from tog_mjx.running.errors import InputError, near
+from tog_mjx.stepping._mjx import mjx
 
 
 @dataclass(frozen=True, eq=False)

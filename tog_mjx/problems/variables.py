@@ -14,13 +14,13 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx._mjx import mjx
-from tog_mjx.errors import InputError, require_choice, require_whole
-from tog_mjx.fields import array_name, entries, field_of
-from tog_mjx.followers import Origin
-from tog_mjx.integration import positions_after
-from tog_mjx.parameter import Parameter
+from tog_mjx.mjcf.fields import array_name, entries, field_of
+from tog_mjx.mjcf.followers import Origin
+from tog_mjx.mjcf.parameter import Parameter
 from tog_mjx.problems.state import State
+from tog_mjx.running.errors import InputError, require_choice, require_whole
+from tog_mjx.stepping._mjx import mjx
+from tog_mjx.stepping.integration import positions_after
 
 Placed = tuple[mjx.Model, dict[str, Array]]
 """A model, and a start by the names of its fields in `mjx.Data`."""

@@ -17,15 +17,15 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Array, Float
 
-from tog_mjx.digests import made_with
+from tog_mjx.engines import SIMULATORS, precision
+from tog_mjx.engines.rollout import objective
 from tog_mjx.gradients import Objective
-from tog_mjx.rollout import objective
-from tog_mjx.simulators import SIMULATORS, precision
-from tog_mjx.solve import step_size
+from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.digests import made_with
+from tog_mjx.solving.methods import traces
+from tog_mjx.solving.solve import step_size
 from tog_mjx.studies.cell import BUDGET
-from tog_mjx.studies.methods import traces
 from tog_mjx.studies.study import Store
-from tog_mjx.tasks import get_task
 
 ANTISYMMETRIC = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, -1.0]]) / np.sqrt(2)
 """Orthonormal rows: both fingers to the same side; one up and the other down."""

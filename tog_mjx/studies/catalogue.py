@@ -8,17 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from tog_mjx.figures.basins import draw_basins
-from tog_mjx.figures.profiles import draw_profiles
-from tog_mjx.simulators import SIMULATORS, gradient_charge
-from tog_mjx.solve import step_size
+from tog_mjx.drawing.figures.basins import draw_basins
+from tog_mjx.drawing.figures.profiles import draw_profiles
+from tog_mjx.engines import SIMULATORS, gradient_charge
+from tog_mjx.paper.quirks import released_quirks
+from tog_mjx.paper.tasks import TASKS, get_task
+from tog_mjx.solving.methods import METHODS, RULES
+from tog_mjx.solving.solve import step_size
 from tog_mjx.studies.asymmetry import Asymmetry
 from tog_mjx.studies.cell import BUDGET, Cell, updates_within
-from tog_mjx.studies.methods import METHODS, RULES
-from tog_mjx.studies.quirks import released_quirks
 from tog_mjx.studies.study import Comparison, DrawnComparison, Study, TracedComparison
 from tog_mjx.studies.why import Why
-from tog_mjx.tasks import TASKS, get_task
 
 ON_MJX = ("exact, plain", "exact, adam", "stochastic, plain", "zeroth order, adam", "CMA-ES", "solve")
 """The methods compared on MJX too, which simulates a hundredth of what `penalty` does in the same time."""

@@ -15,16 +15,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.batches import map_points
-from tog_mjx.devices import over_devices
-from tog_mjx.digests import made_with
+from tog_mjx.engines import SIMULATORS, gradient_charge, make_simulator, precision
+from tog_mjx.engines.rollout import final_cost
 from tog_mjx.gradients import Objective
-from tog_mjx.landscape import grid
-from tog_mjx.rollout import final_cost
-from tog_mjx.simulators import SIMULATORS, gradient_charge, make_simulator, precision
-from tog_mjx.studies.methods import METHODS, Settings
-from tog_mjx.tasks import Task, get_task
-from tog_mjx.types import Scalar
+from tog_mjx.paper.tasks import Task, get_task
+from tog_mjx.running.batches import map_points
+from tog_mjx.running.devices import over_devices
+from tog_mjx.running.digests import made_with
+from tog_mjx.running.types import Scalar
+from tog_mjx.solving.methods import METHODS, Settings
+from tog_mjx.studies.landscape import grid
 
 SUCCESS = {"flip": 0.1, "grasp": 0.2}
 """J that counts as success."""

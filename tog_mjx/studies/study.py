@@ -18,8 +18,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
-from tog_mjx.figures.bands import draw_bands
-from tog_mjx.storage import DamagedFileError, load_result, of_shapes, save_result
+from tog_mjx.drawing.figures.bands import draw_bands
+from tog_mjx.running.storage import DamagedFileError, load_result, of_shapes, save_result
 from tog_mjx.studies.cell import SUCCESS, Cell, Found, compute
 
 

@@ -19,18 +19,18 @@ import pandas as pd
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from tog_mjx.batches import map_points
-from tog_mjx.digests import made_with
-from tog_mjx.figures.why import draw_why
+from tog_mjx.drawing.figures.predictions import draw_why
+from tog_mjx.engines import SIMULATORS, precision
+from tog_mjx.engines.rollout import objective
 from tog_mjx.gradients import Objective, exact_batch, local
-from tog_mjx.rollout import objective
-from tog_mjx.simulators import SIMULATORS, precision
-from tog_mjx.solve import step_size
+from tog_mjx.paper.tasks import TASKS, Rule, get_task
+from tog_mjx.running.batches import map_points
+from tog_mjx.running.digests import made_with
+from tog_mjx.solving.methods import traces
+from tog_mjx.solving.solve import step_size
 from tog_mjx.studies.cell import BUDGET
-from tog_mjx.studies.methods import traces
 from tog_mjx.studies.predictors import STATISTICS, choose, judge, most_predictive, rank_correlations, values_of
 from tog_mjx.studies.study import Store
-from tog_mjx.tasks import TASKS, Rule, get_task
 
 NEAR = 0.01
 """The smaller sigma, that of the local statistics, and the length of the step, in m."""

@@ -1,0 +1,1 @@
+"""What the file says: read from the model alone, before anything moves."""

@@ -1,0 +1,200 @@
+"""The checks of a scene."""
+
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from tog_mjx.checks.file.preflight import preflight
+from tog_mjx.checks.function_verdict import directions_at
+from tog_mjx.checks.measured.agreement import agreement, between_jumps, sweep
+from tog_mjx.checks.measured.cost import cost
+from tog_mjx.checks.measured.estimators import compare_estimators, steepest
+from tog_mjx.checks.measured.jumps import Jumps, find_jumps, judge_jumps, lacks
+from tog_mjx.checks.measured.modes import differentiation, reverse
+from tog_mjx.checks.measured.parity import parity
+from tog_mjx.checks.measured.recorded import Motion, Simulation
+from tog_mjx.checks.measured.stages import contacts, finite, growth, untouched
+from tog_mjx.checks.measured.touch_down import touch_down
+from tog_mjx.checks.measured.variants import precision, solver, stiffness, time_step
+from tog_mjx.checks.measured.zeros import cancelled, zeros
+from tog_mjx.checks.told.failure import failure
+from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict
+from tog_mjx.mjcf.followers import Origin, compiled
+from tog_mjx.mjcf.scene import require_time_step
+from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.problems.wrt import default_wrt
+from tog_mjx.running.errors import InputError, require_kind
+from tog_mjx.running.quiet import without_warnings
+from tog_mjx.stepping._mjx import mjx
+from tog_mjx.stepping.mjx_state import default_start, require_state
+from tog_mjx.stepping.outputs import Cost
+
+
+def check_scene(
+    model: mujoco.MjModel | mujoco.MjSpec,
+    start: mujoco.MjData | None = None,
+    *,
+    steps: int = 100,
+    wrt: str | None = None,
+    output: str | Cost = "qpos",
+    differentiation: str = "implicit",
+    path: str | Path | None = None,
+    quick: bool = False,
+    estimators: bool = False,
+    report: Report | None = None,
+) -> Verdict:
+    """Can the gradient of this scene's motion be trusted?
+
+    Args:
+      model: any, or its MjSpec. Of one that MJX cannot simulate the verdict says why not.
+      start: the state, and the controls held; `tog_mjx.stepping.mjx_state.default_start` if None. It is left as it is.
+      steps, differentiation: see `SceneFunction`.
+      output: see `tog_mjx.stepping.outputs.Outputs`.
+      wrt: see `tog_mjx.problems.wrt.Variables`; if None the controls, or the velocities of a scene without
+        actuators.
+      path: the MJCF file that the model was read from: the preflight then names its lines, and variables move all that
+        follows from them, see `tog.Parameter`.
+      quick: leaves out what compiles the motion again: float32, stock MJX, the cost, and of a fault reverse mode.
+      estimators: ask too whether to follow this gradient or a stochastic one, see `checks.measured.estimators`;
+        of several outputs, to lower the one whose derivative is largest.
+
+    Raises:
+      InputError: for arguments of a wrong kind, a start of another model, what is not in the scene, or a cost that
+        fails or returns no number.
+    """
+    kinds = (mujoco.MjModel, mujoco.MjSpec)
+    remedy = "what mjx.put_model made it of" if isinstance(model, mjx.Model) else "of a Scene its .model"
+    require_kind("the model", model, kinds, f"give the mujoco.MjModel ({remedy})")
+    origin: Origin | None = path
+    if isinstance(model, mujoco.MjSpec):
+        model, origin = compiled(model)
+    require_time_step(model, "the model")
+    if path is not None:
+        require_kind("path", path, (str, Path), "give that of the MJCF file")
+    if start is None:
+        start = default_start(model)
+    require_kind("the start", start, (mujoco.MjData, mjx.Data), "give a mujoco.MjData of the model")
+    require_state(model, start)
+    by = default_wrt(model) if wrt is None else wrt
+    why = "" if wrt or model.nu else ", as the scene has no actuators"
+    say: Report = report or (lambda *_: None)
+    with jax.enable_x64(), without_warnings():
+        scene = SceneFunction(model, start, steps, by, output, differentiation, origin)
+        told = ", ".join(scene.outputs[:3]) + ", ..." * (len(scene.outputs) > 3)
+        subject = f"{told} after {steps} steps, by {by}{why}"
+        say("preflight", None)
+        remarks = preflight(model, path, start, scene.x, differentiation)
+        findings = [remark.finding() for remark in remarks]
+        for finding in findings:
+            say("preflight", finding)
+        if any(some.blocks for some in remarks):
+            return Verdict(subject, tuple(findings))
+        say("motion", None)
+        directions, names = directions_at(scene.scale, scene.variables)
+        try:
+            simulation = Simulation(scene, directions)
+            motion = simulation.run()
+            for name, check in _checks(simulation, motion, names, findings, quick, estimators):
+                say(name, None)
+                findings.append(check())
+                say(name, findings[-1])
+        except InputError:
+            raise
+        except Exception as error:
+            # What is not MJX's failure is ours, and is raised.
+            failed = failure(model, error)
+            if failed is None:
+                raise
+            findings.append(failed)
+            say("motion", failed)
+            return Verdict(subject, tuple(findings))
+        for i, remark in enumerate(remarks):
+            if (measured := remark.finding(findings)) != findings[i]:
+                findings[i] = measured
+                say("preflight", measured)
+    lengths = np.linalg.norm(directions, axis=0)
+    gradient = (motion.slopes / lengths).tolist()
+    return Verdict(subject, tuple(findings), names, scene.outputs, motion.value.tolist(), gradient, lengths.tolist())
+
+
+def _checks(
+    simulation: Simulation,
+    motion: Motion,
+    names: tuple[str, ...],
+    found: Sequence[Finding],
+    quick: bool,
+    estimators: bool,
+) -> Iterator[tuple[str, Callable[[], Finding]]]:
+    """What to run, in the order of what spoils most, given what is `found` so far.
+
+    Nothing else means anything where the gradient is not finite.
+    """
+    yield "finite", lambda: finite(motion)
+    has_rival = simulation.scene.differentiation != "saltation"  # Stock MJX has no gradient with jumps.
+    if not np.isfinite(motion.slopes).all():
+        if has_rival and not quick:
+            yield "differentiation", lambda: differentiation(simulation, motion)
+        if estimators:
+            yield "estimators", lambda: _estimators(simulation, motion, None)
+        return
+    yield "solver", lambda: solver(simulation, motion)
+    scene, n = simulation.scene, simulation.scene.size
+    differences = sweep(simulation.values, np.zeros(n), simulation.directions)
+    follows = scene.x.parameter is not None and len(scene.x.parameter.arrays) > 1
+    if follows and (nothing := cancelled(motion.slopes, differences, motion.value, names)):
+        yield "zeros", lambda: nothing
+        yield "growth", lambda: growth(simulation, motion)
+        yield "contacts", lambda: contacts(simulation, motion)
+        yield "parity", lambda: parity(simulation, motion)
+        return
+    unreached = lambda: untouched(simulation, motion)  # noqa: E731
+    kin, unused = (scene.kin, scene.unused) if names == scene.variables else (None, None)  # Directions are of all.
+    args = motion.slopes, differences, names, scene.outputs, scene.bodies, unreached, kin, unused
+    yield "zeros", lambda: zeros(*args)
+    yield "growth", lambda: growth(simulation, motion)  # Before what it is the cause of.
+    jumps = find_jumps(simulation.values, np.zeros(n), simulation.directions, differences)
+    where = lambda some: touch_down(simulation, *some.sides)  # noqa: E731
+    lengths = np.linalg.norm(simulation.directions, axis=0)
+
+    def agree() -> Finding:
+        plain = agreement(motion.slopes, differences)
+        judged = judge_jumps(plain, motion.slopes, jumps, names, scene.outputs, where, lengths)
+        if judged.level < Level.FAULT or scene.differentiation != "saltation" or (jumps and jumps.are_many):
+            return judged
+        return between_jumps(judged, motion.slopes, simulation.differentiated("implicit").slopes, differences)
+
+    yield "agreement", agree
+    if lacks(motion.slopes, jumps):
+        yield "time step", lambda: Finding("time step", Level.FINE, "not halved: no time step mends 'agreement'")
+    else:
+        yield "time step", lambda: time_step(simulation, motion)
+    yield "contacts", lambda: contacts(simulation, motion)
+    yield "stiffness", lambda: stiffness(simulation, motion)
+    yield "parity", lambda: parity(simulation, motion)
+    if not quick:
+        yield "precision", lambda: precision(simulation, motion)
+    if not quick or all(some.level < Level.FAULT for some in found):  # It changes no verdict of a fault.
+        yield "reverse mode", lambda: reverse(simulation, motion)
+    if not quick:
+        if has_rival:
+            yield "differentiation", lambda: differentiation(simulation, motion)
+        yield "cost", lambda: cost(simulation)
+    if estimators:
+        yield "estimators", lambda: _estimators(simulation, motion, jumps)
+
+
+def _estimators(simulation: Simulation, motion: Motion, jumps: Jumps | None) -> Finding:
+    scene, missed = simulation.scene, lacks(motion.slopes, jumps)
+    i = jumps.entry[0] if jumps and missed else steepest(motion.slopes)
+    scale = jnp.asarray(scene.scale)
+    return compare_estimators(
+        lambda points: simulation.values(scene.scale * points)[:, i],
+        lambda z: simulation.value(scale * z)[i],
+        scene.size,
+        scene.outputs[i],
+        missed,
+    )

@@ -1,0 +1,131 @@
+"""What moves a problem: MJX any scene, and the planar simulators those of one box and its fingers.
+
+    carry = engine.begin(model, start)          start by the names of its fields in `mjx.Data`
+    carry, state = engine.step(model, carry, ctrl)   `state` is the State in which the step begins
+    state = engine.state(model, carry, ctrl)    after the last step, or before a control is known
+
+The model is an argument, so that variables can move it.
+"""
+
+import abc
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from tog_mjx.engines import SIMULATORS, Simulator, make_simulator
+from tog_mjx.mjcf.scene import Scene
+from tog_mjx.mjcf.supported import check_supported
+from tog_mjx.problems.problem import Problem
+from tog_mjx.problems.state import State
+from tog_mjx.running.errors import InputError, require_choice
+from tog_mjx.stepping._mjx import mjx, put_model
+from tog_mjx.stepping.implicit import STEPS
+from tog_mjx.stepping.mjx_state import on_mjx, state_of
+from tog_mjx.stepping.outputs import complete, completed
+
+Controls = Float[Array, " nu"]
+
+
+@dataclass(frozen=True, eq=False)
+class Engine(abc.ABC):
+    """See the module's header."""
+
+    scene: Scene
+    model: mjx.Model
+    origin: mjx.Data
+
+    @abc.abstractmethod
+    def begin(self, model: mjx.Model, start: dict[str, Array]) -> Any: ...
+
+    @abc.abstractmethod
+    def step(self, model: mjx.Model, carry: Any, ctrl: Controls) -> tuple[Any, State]: ...
+
+    @abc.abstractmethod
+    def state(self, model: mjx.Model, carry: Any, ctrl: Controls) -> State: ...
+
+
+@dataclass(frozen=True, eq=False)
+class OnMjx(Engine):
+    """Any scene that MJX can simulate."""
+
+    differentiation: str
+
+    def begin(self, model: mjx.Model, start: dict[str, Array]) -> dict[str, Array]:
+        del model
+        return state_of(self.origin.replace(**start))
+
+    def step(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls) -> tuple[dict[str, Array], State]:
+        after = STEPS[self.differentiation](model, self.origin.replace(**carry, ctrl=ctrl))
+        if model.opt.integrator == mjx.IntegratorType.RK4:  # What it derives is of its last stage.
+            return state_of(after), self.state(model, carry, ctrl)
+        # What a step derives is of the moment in which it begins; only the state itself has moved on.
+        now = after.replace(**carry)
+        return state_of(after), self._view(carry, ctrl, lambda: now, lambda: completed(model, now))
+
+    def state(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls) -> State:
+        now = self.origin.replace(**carry, ctrl=ctrl)
+        poses = lambda: mjx.kinematics(model, now)  # noqa: E731
+        return self._view(carry, ctrl, poses, lambda: complete(model, now, self.differentiation))
+
+    def _view(self, carry: dict[str, Array], ctrl: Controls, poses: Callable, all_: Callable) -> State:
+        return State(carry["time"], carry["qpos"], carry["qvel"], carry["act"], ctrl, self.scene.model, poses, all_)
+
+
+@dataclass(frozen=True, eq=False)
+class OnPlane(Engine):
+    """A scene of one box and its fingers, on a planar simulator; MJX only says where its bodies and sites are."""
+
+    simulator: Simulator
+
+    def begin(self, model: mjx.Model, start: dict[str, Array]) -> tuple[Any, Array]:
+        del model
+        joints = self.scene.joints
+        q, v = start["qpos"][joints], start["qvel"][joints]
+        fingers = jnp.concatenate([q[3:].reshape(-1, 2), v[3:].reshape(-1, 2)], axis=1)
+        return self.simulator.init(jnp.concatenate([q[:3], v[:3]]), fingers), jnp.asarray(self.origin.time, float)
+
+    def step(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> tuple[tuple[Any, Array], State]:
+        planar, time = carry
+        after = self.simulator.step(planar, ctrl[self.scene.actuators])
+        return (after, time + self.scene.model.opt.timestep), self.state(model, carry, ctrl)
+
+    def state(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> State:
+        planar, time = carry
+        box, fingers = self.simulator.observe(planar)
+        joints = self.scene.joints
+        qpos = self.origin.qpos.at[joints].set(jnp.concatenate([box[:3], fingers[:, :2].ravel()]))
+        qvel = self.origin.qvel.at[joints].set(jnp.concatenate([box[3:], fingers[:, 2:].ravel()]))
+        now = self.origin.replace(time=time, qpos=qpos, qvel=qvel, ctrl=ctrl)
+        poses = lambda: mjx.kinematics(model, now)  # noqa: E731
+        return State(time, qpos, qvel, now.act, ctrl, self.scene.model, poses, _no_forces)
+
+
+def _no_forces() -> mjx.Data:
+    raise InputError("this engine has no mjx.Data: its forces are its own; take what a State holds, or engine mjx")
+
+
+def make_engine(problem: Problem, name: str, **options: str) -> Engine:
+    """The engine of that name, for a problem.
+
+    Raises:
+      InputError: for an unknown name or option, and for a scene or variables that the engine cannot move.
+    """
+    require_choice("engine", name, SIMULATORS)
+    scene = problem.scene
+    check_supported(scene.model, scene.name)
+    with jax.ensure_compile_time_eval():
+        model = put_model(scene.model)
+        origin = on_mjx(model, problem.origin)
+    if name == "mjx":
+        differentiation = options.pop("differentiation", "implicit")
+        require_choice("differentiation", differentiation, STEPS)
+        if options:
+            raise InputError(f"engine mjx has no option {next(iter(options))}; it takes differentiation")
+        return OnMjx(scene, model, origin, differentiation)
+    if problem.bound.moves_model:
+        raise InputError(f"engine {name} reads its parameters from the scene, and variables move none; take mjx")
+    return OnPlane(scene, model, origin, make_simulator(name, scene, **options))

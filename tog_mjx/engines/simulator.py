@@ -1,0 +1,84 @@
+"""The interface that all simulators share, and the one place that knows their names.
+
+A simulator is an immutable set of parameters with three pure functions; everything above them is written once:
+
+    state = simulator.init(box, fingers)      box [6] (x, z, theta, vx, vz, omega), fingers [F, 4] (x, z, vx, vz)
+    state = simulator.step(state, setpoints)  setpoints [2F], finger-major; advances by one time step
+    box, fingers = simulator.observe(state)
+
+A simulator knows no task. Its parameters are leaves of a pytree, so that a compiled function can take them as an
+argument and differentiate with respect to them; its choices of law and differentiation are static. `CHUNK` is the
+number of motions that it simulates quickest at a time on one device, and `GRADIENT_CHARGE` the number of evaluations of
+J that one gradient with J counts as: what `scripts/benchmark.py --section single` measures, rounded up to a half;
+`SALTATION_CHARGE` is that of one with the jumps, where there is one.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+import jax
+
+from tog_mjx.engines.mjx import MjxSimulator
+from tog_mjx.engines.penalty import PenaltySimulator
+from tog_mjx.mjcf.scene import Scene
+from tog_mjx.paper.released import ReleasedSimulator
+from tog_mjx.running.errors import InputError, require_kind
+from tog_mjx.running.types import Box, Fingers, Setpoints
+
+
+@runtime_checkable
+class Simulator(Protocol):
+    """See the module's header."""
+
+    def init(self, box: Box, fingers: Fingers) -> Any: ...
+
+    def step(self, state: Any, setpoints: Setpoints) -> Any: ...
+
+    def observe(self, state: Any) -> tuple[Box, Fingers]: ...
+
+
+SIMULATORS: dict[str, Any] = {"mjx": MjxSimulator, "penalty": PenaltySimulator, "released": ReleasedSimulator}
+
+
+def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
+    """The simulator called `name` of a planar scene.
+
+    Args:
+      name: "mjx", "penalty" or "released".
+      options: `differentiation="implicit" | "native"` of mjx, `friction="mujoco" | "paper"` of penalty, `mended`
+        of released, one of `tog_mjx.paper.released.MENDED`.
+
+    Raises:
+      InputError: for an unknown simulator, option or value.
+    """
+    check_names(name, options)
+    require_kind("the scene", scene, Scene, "give what tog.load_scene returns")
+    # Also inside a transformation the parameters are numbers, not tracers.
+    with jax.ensure_compile_time_eval():
+        return SIMULATORS[name].from_scene(scene, **options)
+
+
+def gradient_charge(name: str, differentiation: str | None = None) -> float:
+    """Evaluations of J that one gradient of this simulator counts as."""
+    simulator = SIMULATORS[name]
+    charge: float = simulator.SALTATION_CHARGE if differentiation == "saltation" else simulator.GRADIENT_CHARGE
+    return charge
+
+
+def precision(simulator: str, **options: str):
+    """A context: the released program computes in float32, as it did, unless that is mended; the others in float64."""
+    return jax.enable_x64(simulator != "released" or options.get("mended") == "precision")
+
+
+def check_names(name: str, options: Mapping[str, str]) -> None:
+    """Raises InputError for an unknown simulator, option or value."""
+    if name not in list(SIMULATORS):
+        raise InputError(f"simulator {name!r} is unknown; choose from {', '.join(SIMULATORS)}")
+    choices = SIMULATORS[name].OPTIONS
+    for option, value in options.items():
+        if option not in choices:
+            raise InputError(
+                f"simulator {name!r} has no option {option!r}; it takes {' and '.join(choices) or 'no options'}"
+            )
+        if value not in choices[option]:
+            raise InputError(f"{option}={value!r} is unknown; choose from {', '.join(choices[option])}")

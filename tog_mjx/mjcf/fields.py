@@ -1,0 +1,74 @@
+"""Arrays of floats of a model, by their names in `mjx.Model`, and which of their numbers a text like "body_mass[1]" or
+"geom_friction[2, 0]" means."""
+
+import math
+
+import jax
+import mujoco
+import numpy as np
+from jaxtyping import Int
+
+from tog_mjx.running.errors import InputError, near
+from tog_mjx.stepping._mjx import mjx
+
+
+def attribute(tree: object, path: str):
+    """The value at a path with dots; AttributeError where there is none."""
+    for name in path.split("."):
+        tree = getattr(tree, name)
+    return tree
+
+
+def assign(model: mujoco.MjModel, path: str, value: np.ndarray | np.floating) -> None:
+    """Writes to a field of MuJoCo's model; some of its options are plain numbers."""
+    parent, _, name = path.rpartition(".")
+    owner = attribute(model, parent) if parent else model
+    setattr(owner, name, value if np.shape(value) else float(value))
+
+
+def array_name(text: str) -> str:
+    """The array's name in "name" or "name[1, 2]"."""
+    return text.partition("[")[0]
+
+
+def entries(text: str, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:
+    """Which of the numbers of an array of that shape "name" (all) or "name[1, 2]" (a part) means.
+
+    Raises:
+      InputError: for an index that is not in the array.
+    """
+    every = np.arange(math.prod(shape)).reshape(shape)
+    name, bracket, index = text.partition("[")
+    if not bracket:
+        return every.ravel()
+    try:
+        if not index.endswith("]"):
+            raise ValueError("no bracket closes it")
+        return np.atleast_1d(every[tuple(int(i) for i in index.removesuffix("]").split(","))]).ravel()
+    except (ValueError, IndexError):
+        raise InputError(f"{text!r}: {name} has the shape {list(shape)}; give {name} or an index in it") from None
+
+
+def field_of(model: mujoco.MjModel, name: str, others: tuple[str, ...] = ()) -> np.ndarray:
+    """An array of floats of the model, by its name in `mjx.Model`.
+
+    Raises:
+      InputError: if there is none; `others` could have been meant too.
+    """
+    try:
+        on_mjx, value = name in float_fields(), np.asarray(attribute(model, name))
+    except AttributeError:
+        on_mjx, value = False, np.zeros(0)
+    if not on_mjx or value.dtype.kind != "f":
+        listed = f"none of {', '.join(others)}, or" if others else "not"
+        raise InputError(
+            f"{name!r} is {listed} an array of numbers of mjx.Model; examples are geom_friction, body_mass, "
+            f"opt.gravity{near(name, [*others, *float_fields()])}"
+        )
+    return value
+
+
+def float_fields() -> set[str]:
+    """The arrays of `mjx.Model` and of its options."""
+    options = {f"opt.{name}" for name, kind in mjx.Option.__annotations__.items() if kind is jax.Array}
+    return options | {name for name, kind in mjx.Model.__annotations__.items() if kind is jax.Array}

@@ -1,0 +1,1 @@
+"""The paper: its two tasks, Table I, its figures and published numbers, and what only they need."""

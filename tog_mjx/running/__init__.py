@@ -1,0 +1,1 @@
+"""What everything stands on: devices, batches, results on disk, scripts, bad input."""

@@ -1,0 +1,158 @@
+"""What every script shares: one clear line for bad input, the compilation cache, and progress."""
+
+import argparse
+import contextlib
+import gc
+import io
+import os
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+import jax
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from tog_mjx.running.devices import use_all_cores
+from tog_mjx.running.errors import InputError, near, printable
+from tog_mjx.running.interruption import Terminated, interruptible
+from tog_mjx.running.quiet import without_remarks, without_warnings
+from tog_mjx.running.user_code import own_lines
+from tog_mjx.running.xla_flags import tune_compiler
+
+CACHE_VARIABLE = "TOG_MJX_CACHE"
+"""Environment variable: the folder of compiled functions, or "off". The default lies in the user's cache folder."""
+
+SEEDS = 2**32 - 1
+"""The largest seed: in float32 JAX would cut off what is beyond."""
+GRID_MOST = 3000
+"""Points of a landscape along each axis."""
+CONTINUES = "what was finished is kept, the same command continues"
+"""What most of those say that keep something when they are interrupted."""
+_SECONDS_BETWEEN_LINES = 10
+
+
+class ArgumentParser(argparse.ArgumentParser):
+    """argparse's, saying in one line on standard error what is wrong."""
+
+    def error(self, message: str) -> NoReturn:
+        if found := re.search(r"invalid choice: '(.+)' \(choose from (.+)\)", message):
+            message += near(found[1], re.findall(r"[^\s,']+", found[2]))
+        self.exit(2, f"{self.prog}: {printable(message)} (see --help)\n")
+
+
+def within(kind: Callable[[str], Any], low: int | float, high: int | float) -> Callable[[str], Any]:
+    """A parser of numbers from `low` to `high`."""
+
+    def number(text: str) -> Any:
+        value = kind(text)
+        if not low <= value <= high:
+            raise argparse.ArgumentTypeError(f"{text} is not from {low} to {high}")
+        return value
+
+    number.__name__ = kind.__name__  # argparse names it where `kind` fails.
+    return number
+
+
+def run_main(main: Callable[[], None], continues: str = "") -> None:
+    """Runs a script: bad input ends it with one line and status 2, Ctrl-C with one and 130, SIGTERM with one and 143.
+
+    Where a user's own code has failed, its lines stand before that line. `continues` tells after an interruption what
+    is kept, and how to go on.
+    """
+    name = Path(sys.argv[0]).name
+    with interruptible():
+        try:
+            _prepare()
+            with without_warnings(), without_remarks():
+                main()
+        except InputError as error:
+            print(f"{own_lines(error.__cause__)}{name}: {printable(str(error))}", file=sys.stderr)
+            sys.exit(2)
+        except KeyboardInterrupt as end:
+            word, status = ("terminated", 143) if isinstance(end, Terminated) else ("interrupted", 130)
+            print(f"{name}: {word}{continues and '; '}{continues}", file=sys.stderr)
+            _leave(status)
+
+
+def _prepare() -> None:
+    enable_compilation_cache()
+    use_all_cores()
+    tune_compiler()
+    # Tracing a step of MJX makes many objects and little garbage: a fifth of its time went into looking for some.
+    gc.set_threshold(100_000)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # A name of a file need be no text in the terminal's encoding.
+            stream.reconfigure(errors="backslashreplace")
+
+
+def _leave(status: int) -> NoReturn:
+    """Ends the program at once: XLA may be computing still, and crashes when Python is taken down under it."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
+
+
+def enable_compilation_cache() -> None:
+    """Keeps compiled functions on disk, so that a second start need not compile. JAX_COMPILATION_CACHE_DIR wins."""
+    wish = os.environ.get(CACHE_VARIABLE)
+    if (wish or "").lower() == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        return
+    root = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 (Path.home() may raise)
+    folder = Path(wish or Path(root) / "tog_mjx")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        name = Path(sys.argv[0]).name
+        print(f"{name}: compiling without a cache: {folder} cannot be written ({error.strerror})", file=sys.stderr)
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
+
+
+class Work:
+    """Progress of a list of pieces of work: a bar with the time left on a terminal, elsewhere a line now and then."""
+
+    def __init__(self, console: Console):
+        self.console = console
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        self._bars = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
+
+    @contextlib.contextmanager
+    def piece(self, name: str, total: int, first: str = "compiling") -> Iterator[Callable[[int], None]]:
+        """One piece of `total` steps. Yields what to call with the number done; `first` is what comes before that."""
+        if not self.console.is_terminal:
+            self.console.print(f"{name}: {first}", markup=False)
+        bar = self._bars.add_task(escape(f"{name}: {first}"), total=None)
+        began: tuple[float, int] | None = None
+        said = 0.0
+
+        def report(done: int) -> None:
+            nonlocal began, said
+            self._bars.update(bar, description=escape(f"{name}: running"), total=total, completed=done)
+            now = time.monotonic()
+            if began is None:  # The time before it was the compiler's.
+                began, said = (now, done), now
+                if not self.console.is_terminal:
+                    self.console.print(f"{name}: running", markup=False)
+            elif not self.console.is_terminal and now - said > _SECONDS_BETWEEN_LINES:
+                left = (now - began[0]) / (done - began[1]) * (total - done)
+                self.console.print(f"{name}: {done} of {total}, about {left:.0f} s left", markup=False)
+                said = now
+
+        with self._bars:
+            yield report
+        self._bars.remove_task(bar)

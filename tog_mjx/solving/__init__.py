@@ -1,0 +1,1 @@
+"""Descents, and the methods to take."""

@@ -1,0 +1,1 @@
+"""One time step and many, and their derivatives."""

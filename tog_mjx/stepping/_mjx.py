@@ -1,0 +1,254 @@
+"""MJX, imported quietly, and everything in it that this package uses though MJX keeps it private.
+
+MJX prints to standard output on import (that the optional Warp is not installed); a program's standard output is its
+own. What is private another version may rename or redefine: so only this file touches it, and `check_version` says
+which versions are let in. `tests/test_mjx_private.py` holds every one of these names against C MuJoCo.
+"""
+
+import contextlib
+import functools
+import importlib.metadata
+import importlib.util
+import io
+import threading
+from collections.abc import Iterator
+from types import ModuleType, SimpleNamespace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Array, Float
+
+from tog_mjx.stepping.safe import (
+    arccos,
+    arcsin,
+    impedance,
+    rotation_vector,
+    safe_norm,
+    safe_sqrt,
+    sqrt,
+    with_derivative_of,
+)
+
+OLDEST, NEXT = (3, 17), (4, 0)
+FLUID = ("opt.density", "opt.viscosity", "opt.wind")
+"""What a fluid is given by."""
+
+
+def check_version(version: str) -> None:
+    """Raises ImportError, with the remedy, for a version of mujoco-mjx outside [OLDEST, NEXT)."""
+    if not OLDEST <= tuple(int(part) for part in version.split(".")[:2]) < NEXT:
+        wanted = f">={'.'.join(map(str, OLDEST))},<{'.'.join(map(str, NEXT))}"
+        raise ImportError(
+            f"mujoco-mjx {version} is installed, tog_mjx needs {wanted}: pip install 'mujoco-mjx{wanted}'"
+        )
+
+
+check_version(importlib.metadata.version("mujoco-mjx"))
+with contextlib.redirect_stdout(io.StringIO()):
+    from mujoco import mjx as mjx
+    from mujoco.mjx._src import collision_sdf as _collision_sdf
+    from mujoco.mjx._src import constraint as _constraint
+    from mujoco.mjx._src import math as _math
+    from mujoco.mjx._src import ray as _ray
+    from mujoco.mjx._src import solver as _solver
+    from mujoco.mjx._src import support as _support
+    from mujoco.mjx._src.collision_driver import geom_pairs as geom_pairs
+    from mujoco.mjx._src.collision_driver import has_collision_fn as has_collision_fn
+
+
+def put_model(model: mujoco.MjModel) -> mjx.Model:
+    """The model on MJX's JAX implementation, on a device of this process: MJX's own choice may lie in another one."""
+    return mjx.put_model(model, device=jax.local_devices()[0], impl="jax")
+
+
+def make_data(model: mujoco.MjModel | mjx.Model) -> mjx.Data:
+    """Data of the model, on the implementation and the device of `put_model`."""
+    return mjx.make_data(model, device=jax.local_devices()[0], impl="jax")
+
+
+class Contacts(NamedTuple):
+    """The pairs that MJX watches, K of them, touching or not, sorted by condim."""
+
+    distance: Float[Array, " K"]
+    margin: Float[Array, " K"]
+    friction: Float[Array, "K 5"]
+    condim: np.ndarray
+    geoms: Array
+
+
+def contacts(data: mjx.Data) -> Contacts:
+    """What `mjx.fwd_position` left of them in `data`."""
+    found = data._impl.contact
+    return Contacts(found.dist, found.includemargin, found.friction, np.asarray(found.dim), found.geom)
+
+
+class ConstraintRows(NamedTuple):
+    """The constraint rows: equalities first, then friction losses, then limits and contacts, in that order."""
+
+    jacobian: Float[Array, "nefc nv"]
+    reference: Float[Array, " nefc"]
+    D: Float[Array, " nefc"]
+    friction_loss: Float[Array, " nefc"]
+    force: Float[Array, " nefc"]
+    equalities: int
+    losses: int
+
+
+def constraint_rows(data: mjx.Data) -> ConstraintRows:
+    """What `mjx.fwd_position` left of them in `data`, and `force` what `mjx.solve` left."""
+    found = data._impl
+    rows = (found.efc_J, found.efc_aref, found.efc_D, found.efc_frictionloss, found.efc_force)
+    return ConstraintRows(*rows, int(found.ne), int(found.nf))
+
+
+def with_constraint_force(data: mjx.Data, force: Float[Array, " nefc"]) -> mjx.Data:
+    """`data` with the force of each constraint row."""
+    return data.tree_replace({"_impl.efc_force": force})
+
+
+def with_margins(model: mjx.Model, data: mjx.Data, joint: Array, tendon: Array, contact: Array) -> mjx.Data:
+    """`data` with the constraint rows that other margins make: of joints [njnt], tendons [ntendon], contacts [K]."""
+    model = model.replace(jnt_margin=joint, tendon_margin=tendon)
+    return mjx.make_constraint(model, data.tree_replace({"_impl.contact.includemargin": contact}))
+
+
+def tendon_jacobian(data: mjx.Data) -> Float[Array, "ntendon nv"]:
+    """The derivative of the tendons' lengths in the joint positions."""
+    return data._impl.ten_J
+
+
+def _axis_angle(quaternion: Float[Array, "4"]) -> tuple[Array, Array]:
+    # MJX multiplies both wherever it asks for them; where nothing turns, neither alone has the product's derivative.
+    axis, angle = _stock_axis_angle(quaternion)
+    return with_derivative_of(axis * angle, rotation_vector(quaternion)), jnp.ones_like(angle)
+
+
+def _stiffness_damping_impedance(model: mjx.Model, solref: Array, solimp: Array, violation: Array) -> tuple:
+    stiffness, damping, stock = _stock_stiffness_damping_impedance(model, solref, solimp, violation)
+    return stiffness, damping, with_derivative_of(stock, impedance(solimp, violation))
+
+
+def _outward(position: Float[Array, "3"], size: Float[Array, "3"]) -> tuple[Array, Array]:
+    """The derivative of a cylinder's signed distance in the position, and that in its radius and half length, negated.
+
+    On its axis, where the distance has a kink, that in the position does not change with it.
+    """
+    radius = safe_norm(position[:2])
+    is_off = radius > 1e-8  # As MJX has it.
+    radial = jnp.where(is_off, position[:2] / jnp.where(is_off, radius, 1.0), 0.0)
+    over = jnp.array([radius, jnp.abs(position[2])]) - size[:2]
+    beyond = jnp.maximum(over, 0)
+    length = safe_norm(beyond)
+    share = jnp.where(length > 0, beyond / jnp.where(length > 0, length, 1.0), jnp.arange(2) == over.argmax())
+    return jnp.append(radial, jnp.sign(position[2])) * share[np.array([0, 0, 1])], share
+
+
+def _cylinder(position: Float[Array, "3"], size: Float[Array, "3"]) -> Float[Array, ""]:
+    # MJX's own rule leaves the size out.
+    share = jax.lax.stop_gradient(_outward(position, size)[1])
+    return _stock_cylinder(position, size) - share @ (size[:2] - jax.lax.stop_gradient(size[:2]))
+
+
+def _cylinder_slope(position: Float[Array, "3"], size: Float[Array, "3"]) -> Float[Array, "3"]:
+    return with_derivative_of(_stock_cylinder_slope(position, size), _outward(position, size)[0])
+
+
+def _timescale(dctrl: Array, activation: Array, deactivation: Array, width: Array) -> Array:
+    # Without a width MJX divides by 1e-15, raises that to the fifth power, and does not select it.
+    is_hard = width < mujoco.mjMINVAL
+    smooth = _stock_timescale(dctrl, activation, deactivation, jnp.where(is_hard, 1.0, width))
+    return jnp.where(is_hard, jnp.where(dctrl > 0, activation, deactivation), smooth)
+
+
+class _Regular:
+    """`jax.numpy`, but for functions that are infinitely steep somewhere: those of tendons that wrap, and of rays."""
+
+    sqrt, arcsin, arccos = map(staticmethod, (sqrt, arcsin, arccos))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(jnp, name)
+
+
+_regular = _Regular()
+_stock_axis_angle, _stock_stiffness_damping_impedance = _math.quat_to_axis_angle, _constraint._kbi
+_stock_cylinder, _stock_cylinder_slope = _collision_sdf._cylinder, _collision_sdf._cylinder_grad
+_stock_timescale = _support.muscle_dynamics_timescale
+_MENDED = (
+    (_math, "quat_to_axis_angle", _axis_angle),
+    (_constraint, "_kbi", _stiffness_damping_impedance),
+    (_collision_sdf, "_cylinder", _cylinder),
+    (_collision_sdf, "_cylinder_grad", _cylinder_slope),
+    (_support, "muscle_dynamics_timescale", _timescale),
+    *((module, "jp", _regular) for module in (_ray, _support)),
+)
+_STOCK = tuple((module, name, getattr(module, name)) for module, name, _ in _MENDED)
+_lock, _inside = threading.Lock(), 0
+
+
+def _put(functions: tuple) -> None:
+    for module, name, function in functions:
+        setattr(module, name, function)
+
+
+@contextlib.contextmanager
+def mended() -> Iterator[None]:
+    """While this lasts MJX traces some of its functions with the same values, and derivatives that are right.
+
+    Stock MJX has the derivative zero, or NaN, of a rotation that is at rest (springs and servos of ball and free
+    joints, `refsite`), of an impedance whose power is no whole number, of a cylinder's contacts with what is round, in
+    its size too, of tendons that wrap, and of muscles in float32. Any number of threads may be inside.
+    """
+    global _inside
+    with _lock:
+        _inside += 1
+        _put(_MENDED)
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            if not _inside:
+                _put(_STOCK)
+
+
+def with_forces_of(model: mjx.Model, array: str) -> mjx.Model:
+    """The model with the forces that an array is the measure of: MJX leaves them out where the scene has none.
+
+    Not those of a fluid with the integrator implicitfast, which MJX cannot integrate.
+    """
+    if array == "body_gravcomp":
+        return model.replace(flg_gravcomp=True)
+    if array in FLUID and model.opt.integrator != mjx.IntegratorType.IMPLICITFAST:
+        return model.tree_replace({"opt._impl.has_fluid_params": True})
+    return model
+
+
+def unrolled_solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
+    """`mjx.solve`, by the same operations in a loop of known length, which reverse mode can go back through."""
+    return _unrolled_solver(model.opt.iterations).solve(model, data)
+
+
+@functools.cache
+def _unrolled_solver(iterations: int) -> ModuleType:
+    """A second copy of MJX's module, that of others is left alone: its loop is a scan, in which iterations after the
+    last do nothing, and the root of a sliding speed has a derivative at zero, where an open contact is."""
+    spec = importlib.util.find_spec(_solver.__name__)
+    assert spec is not None
+    assert spec.loader is not None
+    copy = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(copy)
+
+    def loop(condition, body, start):
+        return _solver._while_loop_scan(condition, body, start, iterations)
+
+    copy.jax = _with(jax, lax=_with(jax.lax, while_loop=loop))  # type: ignore[attr-defined]
+    copy.jp = _with(jnp, sqrt=safe_sqrt)  # type: ignore[attr-defined]
+    return copy
+
+
+def _with(module: ModuleType, **others: object) -> SimpleNamespace:
+    """The names of a module, some of them for something else."""
+    return SimpleNamespace(**{**vars(module), **others})

@@ -1,0 +1,1 @@
+"""Beyond one run: landscapes, studies with statistics, and what things cost."""
