@@ -4,9 +4,9 @@ import re
 from pathlib import Path
 
 import numpy as np
+from test_rooms import ROOMS
 
 import tog_mjx as tog
-from test_rooms import ROOMS
 
 RAILS = {"x": "1 0 0", "y": "0 1 0"}
 ROOT = Path(__file__).parent.parent

@@ -7,7 +7,19 @@ from pathlib import Path
 import tog_mjx
 
 PACKAGE = Path(tog_mjx.__file__).parent
-ROOMS = "paper studies drawing checks solving engines problems mjcf stepping gradients running".split()
+ROOMS = [
+    "paper",
+    "studies",
+    "drawing",
+    "checks",
+    "solving",
+    "engines",
+    "problems",
+    "mjcf",
+    "stepping",
+    "gradients",
+    "running",
+]
 """From the top floor down."""
 
 
