@@ -133,7 +133,7 @@ def which(text: str) -> str | int:
 
 def horizon(task: str) -> float:
     chosen = get_task(task)
-    return (chosen.horizon - 1) * chosen.scene.model.opt.timestep
+    return (chosen.steps) * chosen.scene.model.opt.timestep
 
 
 def told(iterate: viewing.Iterate) -> str:

@@ -20,10 +20,11 @@ import mujoco
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from states import state_of_box
 from xdist.scheduler import LoadScopeScheduling
 
 from tog_mjx.engines import Simulator
-from tog_mjx.engines.rollout import Trajectory, final_cost, trajectory
+from tog_mjx.engines.objective import Motion, final_cost, trajectory
 from tog_mjx.paper.tasks import Task, get_task
 from tog_mjx.running import console
 from tog_mjx.running.console import enable_compilation_cache
@@ -71,7 +72,7 @@ class Compiled(NamedTuple):
 
     task: Task
     setpoints: jax.Array
-    motions: Callable[[Simulator, jax.Array], Trajectory]
+    motions: Callable[[Simulator, jax.Array], Motion]
     gradients: Callable[[Simulator, jax.Array], jax.Array]
 
 
@@ -121,7 +122,7 @@ def simulate_in_c(task: Task, u: np.ndarray, model: mujoco.MjModel | None = None
     data = mujoco.MjData(model)
     data.ctrl[task.scene.actuators] = u
     states = [(data.qpos.copy(), data.qvel.copy())]
-    for _ in range(task.horizon - 1):
+    for _ in range(task.steps):
         mujoco.mj_step(model, data)
         states.append((data.qpos.copy(), data.qvel.copy()))
     positions, velocities = (np.array(x)[:, task.scene.joints] for x in zip(*states, strict=True))
@@ -131,10 +132,10 @@ def simulate_in_c(task: Task, u: np.ndarray, model: mujoco.MjModel | None = None
 def cost_in_c(task: Task, u: np.ndarray) -> float:
     """J of C MuJoCo."""
     positions, velocities = simulate_in_c(task, u)
-    return float(task.cost(jnp.concatenate([positions[-1, :3], velocities[-1, :3]])))
+    return float(task.cost(state_of_box(task, [*positions[-1, :3], *velocities[-1, :3]])))
 
 
-def positions(motion: Trajectory) -> np.ndarray:
+def positions(motion: Motion) -> np.ndarray:
     """Box (x, z) and fingers (x, z) of a batch of motions: [batch, T, 2 + 2F]."""
     fingers = motion.fingers[..., :2]
     return np.concatenate([motion.box[..., :2], fingers.reshape(*fingers.shape[:2], -1)], axis=-1)

@@ -3,9 +3,27 @@
 Every contact of a state is the same kind, and no state is near a kink of the contact law.
 """
 
+from typing import Any
+
+import jax.numpy as jnp
 import numpy as np
 
 from tog_mjx.mjcf.scene import Physics
+from tog_mjx.problems import Problem, State
+
+
+def _none():
+    raise NotImplementedError
+
+
+def state_of_box(task: Problem, box: Any) -> State:
+    """A State in which only the box's joints mean anything."""
+    joints, box = task.scene.joints[:3], np.asarray(box, float)
+    qpos, qvel = np.zeros(task.scene.model.nq), np.zeros(task.scene.model.nv)
+    qpos[joints], qvel[joints] = box[:3], box[3:]
+    time, positions, speeds, none = (jnp.asarray(some) for some in (0.0, qpos, qvel, qpos[:0]))
+    return State(time, positions, speeds, none, none, task.scene.model, _none, _none)
+
 
 KINDS = ("free", "sticking", "sliding", "parting")
 

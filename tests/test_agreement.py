@@ -13,9 +13,9 @@ import pytest
 from conftest import positions
 
 from tog_mjx.engines import MjxSimulator, make_simulator
+from tog_mjx.engines.objective import Motion
 from tog_mjx.engines.penalty import box_distance
 from tog_mjx.engines.plane import Plane
-from tog_mjx.engines.rollout import Trajectory
 from tog_mjx.mjcf.scene import Physics
 
 MEDIAN = 0.05e-3  # m
@@ -29,11 +29,11 @@ def with_impedance(simulator: MjxSimulator, impedance: float) -> MjxSimulator:
 
 
 @pytest.fixture(scope="module")
-def motions(compiled) -> dict[float | None, Trajectory]:
+def motions(compiled) -> dict[float | None, Motion]:
     """Motions on MJX by impedance, and those of the penalty simulator under None."""
     simulator = make_simulator("mjx", compiled.task.scene)
     assert isinstance(simulator, MjxSimulator)
-    found: dict[float | None, Trajectory] = {
+    found: dict[float | None, Motion] = {
         d: compiled.motions(with_impedance(simulator, d), compiled.setpoints) for d in (1e-2, 1e-3, 1e-4)
     }
     return found | {None: compiled.motions(make_simulator("penalty", compiled.task.scene), compiled.setpoints)}
@@ -44,7 +44,7 @@ def difference(motions, impedance) -> np.ndarray:
     return np.abs(positions(motions[impedance]) - positions(motions[None])).max(-1)
 
 
-def touching(motion: Trajectory, p: Physics) -> np.ndarray:
+def touching(motion: Motion, p: Physics) -> np.ndarray:
     """Which contacts touch, [setpoints, T, contacts]: corners and floor, fingers and box, fingers and floor."""
 
     def gaps(box, fingers):

@@ -13,8 +13,8 @@ from jax.test_util import check_grads
 from states import KINDS, draw_state
 
 from tog_mjx.engines import MjxSimulator, make_simulator
-from tog_mjx.engines.rollout import final_cost, rollout
-from tog_mjx.mjcf.scene import load_scene, scene_path
+from tog_mjx.engines.objective import final_cost, rollout
+from tog_mjx.mjcf.scene import scene_path
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.stepping import implicit
 from tog_mjx.stepping._mjx import check_version, mjx
@@ -183,7 +183,7 @@ def test_actuators_keep_their_activation(tmp_path):
         actuator.dynprm[0] = 0.05
     path = tmp_path / "filtered.xml"
     path.write_text(spec.to_xml())
-    task = dataclasses.replace(get_task("flip"), scene=load_scene(path), horizon=100)
+    task = dataclasses.replace(get_task("flip"), model=path, steps=99)
     u = np.array([0.1, 0.4])
     motion = rollout(task, u, "mjx")
     expected, _ = simulate_in_c(task, u)

@@ -12,9 +12,9 @@ from jax.test_util import check_grads
 from states import KINDS, draw_state
 
 from tog_mjx.engines import PenaltySimulator, make_simulator
+from tog_mjx.engines.objective import final_cost
 from tog_mjx.engines.penalty import box_distance, mujoco_limit_force, paper_force
 from tog_mjx.engines.plane import Plane
-from tog_mjx.engines.rollout import final_cost
 from tog_mjx.mjcf.contact import PenaltyLaw
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.types import AnyArray

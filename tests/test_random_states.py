@@ -110,7 +110,7 @@ def study(request) -> Study:
     order = jnp.array(task.scene.joints)
 
     def step(x: jax.Array) -> jax.Array:
-        start = simulator.init(*task.start)
+        start = simulator.init(*task.scene.start)
         moved = {"qpos": start["qpos"].at[order].set(x[:nv]), "qvel": start["qvel"].at[order].set(x[nv : 2 * nv])}
         after = simulator.step(start | moved, x[2 * nv :])
         return jnp.concatenate([after["qpos"][order], after["qvel"][order]])

@@ -33,7 +33,7 @@ def test_the_python_loop_is_the_scan_cut_short():
     u = jnp.array([0.2, 0.6])
     cost = python_loop(FLIP, make_simulator("penalty", FLIP.scene), 5)
     box = tog.rollout("flip", u, "penalty").box[5]
-    np.testing.assert_allclose(jax.jit(cost)(u), FLIP.cost(box), rtol=1e-12)
+    np.testing.assert_allclose(jax.jit(cost)(u), box[0] ** 2 + box[2] ** 2, rtol=1e-12)
 
 
 def test_c_mujoco_under_knots_is_mjx():

@@ -16,7 +16,7 @@ def test_a_rollout_starts_at_the_start_and_ends_with_the_cost(simulator):
     motion = tog.rollout("flip", task.initial_guess, simulator)
     assert (motion.time.shape, motion.box.shape, motion.fingers.shape) == ((600,), (600, 6), (600, 1, 4))
     np.testing.assert_allclose(np.asarray(motion.time)[[0, -1]], [0, 0.599])
-    np.testing.assert_array_equal(motion.box[0], task.start[0])
+    np.testing.assert_array_equal(motion.box[0], task.scene.start[0])
     cost = tog.objective("flip", simulator)(task.initial_guess)
     np.testing.assert_allclose(cost, motion.box[-1, 0] ** 2 + motion.box[-1, 2] ** 2, rtol=1e-12)
 
@@ -59,9 +59,9 @@ def test_an_equal_objective_does_not_compile_again():
     """A compiled function runs its Python once, as it is traced."""
     traced: list[jax.Array] = []
 
-    def cost(box):
-        traced.append(box)
-        return jnp.sum(box**2)
+    def cost(last):
+        traced.append(last.qpos)
+        return jnp.sum(last.qpos**2)
 
     task = dataclasses.replace(tog.get_task("grasp"), cost=cost)
     values = [tog.objective(task, "penalty", friction="paper")([x, 0.4, 0.1, 0.5]) for x in (-0.1, 0.0)]
@@ -112,8 +112,8 @@ def test_bad_setpoints_are_one_line(road, u, message):
 @pytest.mark.parametrize(
     ("task", "simulator", "options", "message"),
     [
-        ("fly", "mjx", {}, "task 'fly' is unknown; choose from flip, grasp"),
-        ("flip", "bullet", {}, "simulator 'bullet' is unknown; choose from mjx, penalty, released"),
+        ("fly", "mjx", {}, "problem 'fly' is unknown; choose from flip, grasp"),
+        ("flip", "bullet", {}, "engine 'bullet' is unknown; choose from mjx, penalty, released"),
         ("flip", "mjx", {"friction": "paper"}, "no option 'friction'; it takes differentiation"),
         ("flip", "penalty", {"friction": "none"}, "friction='none' is unknown; choose from mujoco, paper"),
     ],

@@ -35,11 +35,11 @@ def test_coordinates_are_world_coordinates(name):
 
 def test_start_and_guess_are_the_papers():
     radius = 0.02
-    box, fingers = get_task("flip").start
+    box, fingers = get_task("flip").scene.start
     np.testing.assert_array_equal(box, [-1, 0.25, np.pi / 2, 0, 0, 0])
     np.testing.assert_allclose(fingers, [[-1.25 - radius, 0.4, 0, 0]])
     np.testing.assert_array_equal(get_task("flip").initial_guess, [0, 0.25])
-    box, fingers = get_task("grasp").start
+    box, fingers = get_task("grasp").scene.start
     np.testing.assert_array_equal(box, [0, 0.25, 0, 0, 0, 0])
     np.testing.assert_allclose(fingers, [[-0.3 - radius, 0.25, 0, 0], [0.3 + radius, 0.25, 0, 0]])
     np.testing.assert_array_equal(get_task("grasp").initial_guess, [-0.05, 0.25, 0.05, 0.25])

@@ -129,7 +129,7 @@ def test_a_task_starts_where_its_scene_does(tmp_path):
     np.testing.assert_array_equal(box, [0.1, 0.3, 0.2, 0.1, 0.2, 0.3])
     np.testing.assert_array_equal(fingers, [[-0.6, 0.3, 0.4, 0.5]])
     np.testing.assert_array_equal(scene.initial_guess, [0, 0.25])
-    task = dataclasses.replace(get_task("flip"), scene=scene, horizon=2)
+    task = dataclasses.replace(get_task("flip"), model=tmp_path / "moving.xml", steps=1)
     data = state.default_start(scene.model)
     mujoco.mj_step(scene.model, data)
     (cost,) = reference.final_costs(task, task.initial_guess[None], threads=1)

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from tog_mjx.drawing.figures.profiles import draw_profiles
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.paper.comparison import Run
 from tog_mjx.paper.comparison import compute as compute_run
 from tog_mjx.paper.tasks import get_task

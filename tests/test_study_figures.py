@@ -9,7 +9,7 @@ from matplotlib.collections import PolyCollection, QuadMesh
 
 from tog_mjx.drawing.figures.bands import QUANTILES, draw_bands, quantiles
 from tog_mjx.drawing.figures.basins import draw_basins
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.studies.landscape import grid
 

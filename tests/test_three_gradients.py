@@ -7,7 +7,7 @@ import jax
 import numpy as np
 import pandas as pd
 
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.solving.methods import METHODS
 from tog_mjx.studies import catalogue

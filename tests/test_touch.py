@@ -9,7 +9,7 @@ import pytest
 import tog_mjx as tog
 from tog_mjx.checks.step_check import compile_quickly
 from tog_mjx.engines import make_simulator
-from tog_mjx.engines.rollout import final_cost
+from tog_mjx.engines.objective import final_cost
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.stepping._mjx import make_data, put_model
 from tog_mjx.stepping.touch import KICKS, box_width, switch

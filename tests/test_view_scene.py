@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageSequence
 from saved_run import save_run
 
-from tog_mjx.engines.rollout import rollout
+from tog_mjx.engines.objective import rollout
 from tog_mjx.mjcf.scene import compile_model, scene_path
 
 NAME = "view_scene.py"

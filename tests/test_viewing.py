@@ -12,7 +12,7 @@ from tog_mjx.drawing.viewing import Live, Loop, Motion, frame_times, read_iterat
 from tog_mjx.drawing.viewing.camera import aim, window
 from tog_mjx.drawing.viewing.child import run_python
 from tog_mjx.drawing.viewing.playback import HOLD
-from tog_mjx.engines.rollout import rollout
+from tog_mjx.engines.objective import rollout
 from tog_mjx.mjcf.scene import compile_model, load_scene, scene_path
 from tog_mjx.paper import comparison
 from tog_mjx.paper.tasks import get_task

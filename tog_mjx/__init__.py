@@ -5,10 +5,10 @@ from tog_mjx.running import _mujoco as _mujoco  # First of all: what follows imp
 # isort: split
 from tog_mjx.checks.function_verdict import check as check
 from tog_mjx.checks.scene_verdict import check_scene as check_scene
+from tog_mjx.engines import Motion as Motion
 from tog_mjx.engines import make_simulator as make_simulator
-from tog_mjx.engines.rollout import Trajectory as Trajectory
-from tog_mjx.engines.rollout import objective as objective
-from tog_mjx.engines.rollout import rollout as rollout
+from tog_mjx.engines import objective as objective
+from tog_mjx.engines import rollout as rollout
 from tog_mjx.mjcf.parameter import Parameter as Parameter
 from tog_mjx.mjcf.scene import Scene as Scene
 from tog_mjx.mjcf.scene import load_scene as load_scene

@@ -88,9 +88,9 @@ def closed_loop(name: str, seed: int = 0, starts: int = STARTS) -> tog.Problem:
     policy = tog.Policy(act, layers(seed, [2 * (3 + fingers), UNITS, UNITS, fingers]), every=EVERY)
     return tog.Problem(
         name,
-        task.horizon - 1,
+        task.steps,
         policy,
-        cost=lambda last: task.cost(box(last)),
+        cost=task.cost,
         start=tog.Starts(sample, starts),
         success=SUCCESS[name],
     )

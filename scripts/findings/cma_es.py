@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from tog_mjx.engines import SIMULATORS, precision
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.running.batches import map_points
 from tog_mjx.running.console import run_main
 from tog_mjx.running.errors import InputError

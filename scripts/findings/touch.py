@@ -25,7 +25,7 @@ from matplotlib.axes import Axes
 
 from tog_mjx.drawing.figures.style import BEST, GUESS, RC, new_figure, save_figure
 from tog_mjx.engines import SIMULATORS, precision
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.gradients.local import cosine, noise_of_mean, relative_error, zeroth_terms
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.batches import map_points

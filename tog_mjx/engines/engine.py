@@ -8,7 +8,7 @@ The model is an argument, so that variables can move it.
 """
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,12 +16,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from tog_mjx.engines import SIMULATORS, Simulator, make_simulator
+from tog_mjx.engines.simulator import Simulator, check_names, make_simulator
 from tog_mjx.mjcf.scene import Scene
 from tog_mjx.mjcf.supported import check_supported
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.state import State
-from tog_mjx.running.errors import InputError, require_choice
+from tog_mjx.running.errors import InputError
 from tog_mjx.stepping._mjx import mjx, put_model
 from tog_mjx.stepping.implicit import STEPS
 from tog_mjx.stepping.mjx_state import on_mjx, state_of
@@ -83,10 +83,8 @@ class OnPlane(Engine):
 
     def begin(self, model: mjx.Model, start: dict[str, Array]) -> tuple[Any, Array]:
         del model
-        joints = self.scene.joints
-        q, v = start["qpos"][joints], start["qvel"][joints]
-        fingers = jnp.concatenate([q[3:].reshape(-1, 2), v[3:].reshape(-1, 2)], axis=1)
-        return self.simulator.init(jnp.concatenate([q[:3], v[:3]]), fingers), jnp.asarray(self.origin.time, float)
+        planar = self.simulator.init(*self.scene.planar(start["qpos"], start["qvel"]))
+        return planar, jnp.asarray(self.origin.time, float)
 
     def step(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> tuple[tuple[Any, Array], State]:
         planar, time = carry
@@ -95,10 +93,8 @@ class OnPlane(Engine):
 
     def state(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> State:
         planar, time = carry
-        box, fingers = self.simulator.observe(planar)
-        joints = self.scene.joints
-        qpos = self.origin.qpos.at[joints].set(jnp.concatenate([box[:3], fingers[:, :2].ravel()]))
-        qvel = self.origin.qvel.at[joints].set(jnp.concatenate([box[3:], fingers[:, 2:].ravel()]))
+        joints, (q, v) = self.scene.joints, self.scene.of_joints(*self.simulator.observe(planar))
+        qpos, qvel = self.origin.qpos.at[joints].set(q), self.origin.qvel.at[joints].set(v)
         now = self.origin.replace(time=time, qpos=qpos, qvel=qvel, ctrl=ctrl)
         poses = lambda: mjx.kinematics(model, now)  # noqa: E731
         return State(time, qpos, qvel, now.act, ctrl, self.scene.model, poses, _no_forces)
@@ -108,24 +104,31 @@ def _no_forces() -> mjx.Data:
     raise InputError("this engine has no mjx.Data: its forces are its own; take what a State holds, or engine mjx")
 
 
-def make_engine(problem: Problem, name: str, **options: str) -> Engine:
-    """The engine of that name, for a problem.
-
-    Raises:
-      InputError: for an unknown name or option, and for a scene or variables that the engine cannot move.
-    """
-    require_choice("engine", name, SIMULATORS)
-    scene = problem.scene
-    check_supported(scene.model, scene.name)
-    with jax.ensure_compile_time_eval():
-        model = put_model(scene.model)
-        origin = on_mjx(model, problem.origin)
+def check_engine(problem: Problem, name: str, options: Mapping[str, str]) -> None:
+    """Raises InputError for an unknown name or option, and for a scene or variables that the engine cannot move."""
+    check_names(name, options)
+    check_supported(problem.scene.model, problem.scene.name)
     if name == "mjx":
-        differentiation = options.pop("differentiation", "implicit")
-        require_choice("differentiation", differentiation, STEPS)
-        if options:
-            raise InputError(f"engine mjx has no option {next(iter(options))}; it takes differentiation")
-        return OnMjx(scene, model, origin, differentiation)
+        return
+    _ = problem.scene.physics  # What it lacks is told.
     if problem.bound.moves_model:
         raise InputError(f"engine {name} reads its parameters from the scene, and variables move none; take mjx")
-    return OnPlane(scene, model, origin, make_simulator(name, scene, **options))
+
+
+def make_engine(problem: Problem, name: str, **options: str) -> Engine:
+    """The engine of that name, for a problem; errors are those of `check_engine`."""
+    check_engine(problem, name, options)
+    if name == "mjx":
+        return OnMjx(problem.scene, *_on_mjx(problem), options.get("differentiation", "implicit"))
+    return on_plane(problem, make_simulator(name, problem.scene, **options))
+
+
+def on_plane(problem: Problem, simulator: Simulator) -> Engine:
+    """A planar simulator as the engine of a problem."""
+    return OnPlane(problem.scene, *_on_mjx(problem), simulator)
+
+
+def _on_mjx(problem: Problem) -> tuple[mjx.Model, mjx.Data]:
+    with jax.ensure_compile_time_eval():
+        model = put_model(problem.scene.model)
+        return model, on_mjx(model, problem.origin)

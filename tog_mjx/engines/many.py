@@ -1,4 +1,4 @@
-"""Many motions of a task at once, every few time steps."""
+"""Many motions of a problem at once, every few time steps."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -7,16 +7,17 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.engines import make_simulator, precision
-from tog_mjx.engines.rollout import trajectory
-from tog_mjx.paper.tasks import Task
+from tog_mjx.engines.objective import Motion, objective
+from tog_mjx.engines.simulator import precision
+from tog_mjx.problems.problem import Problem
 from tog_mjx.running.batches import map_points
+from tog_mjx.running.types import Scalar
 
 
 class Motions(NamedTuple):
-    """States of N motions at `time` [k] (s): box [N, k, 6] and fingers [N, k, F, 4], as in a `Trajectory`.
+    """N motions at `time` [k] (s): box [N, k, 6] and fingers [N, k, F, 4], as in a `Motion`.
 
-    The initial state and the last one are among them. `costs` [N] are J, at the last one.
+    The initial state and the last one are among them. `costs` [N] are J.
     """
 
     time: np.ndarray
@@ -26,20 +27,20 @@ class Motions(NamedTuple):
 
 
 def simulate_many(
-    task: Task,
-    simulator: str,
-    setpoints: Float[np.ndarray, "N n"],
+    problem: Problem,
+    engine: str,
+    points: Float[np.ndarray, "N n"],
     every: int = 1,
     report: Callable[[int], None] = lambda _: None,
 ) -> Motions:
-    """The motions under each row of setpoints [2F], every `every` time steps."""
-    kept = np.union1d(np.arange(0, task.horizon, every), task.horizon - 1)
-    with precision(simulator):
-        engine = make_simulator(simulator, task.scene)
+    """The motions of a planar scene under each row of variables, every `every` time steps."""
+    kept = np.union1d(np.arange(0, problem.steps + 1, every), problem.steps)
+    with precision(engine):
+        J = objective(problem, engine)
 
-        def motion(u):
-            whole = trajectory(task, engine, u)
-            return jax.tree.map(lambda leaf: leaf[kept], whole), task.cost(whole.box[-1])
+        def motion(x: jax.Array) -> tuple[Motion, Scalar]:
+            whole, cost = J.with_motion(x)
+            return jax.tree.map(lambda leaf: leaf[kept], whole), cost
 
-        states, costs = map_points(jax.vmap(motion), setpoints, report)
-    return Motions(states.time[0], states.box, states.fingers, costs)
+        found, costs = map_points(jax.vmap(motion), points, report)
+    return Motions(found.time[0], found.box, found.fingers, costs)

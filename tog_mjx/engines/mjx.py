@@ -52,10 +52,9 @@ class MjxSimulator:
                 "JAX's x64 flag changed after this simulator was made; make it again under the flag you run it with"
             )
         box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
-        position = jnp.concatenate([box[:3], fingers[:, :2].ravel()])
-        velocity = jnp.concatenate([box[3:], fingers[:, 2:].ravel()])
         joints, data = jnp.array(self.joints), make_data(self.model)
-        return state_of(data.replace(qpos=data.qpos.at[joints].set(position), qvel=data.qvel.at[joints].set(velocity)))
+        q, v = Scene.of_joints(box, fingers)
+        return state_of(data.replace(qpos=data.qpos.at[joints].set(q), qvel=data.qvel.at[joints].set(v)))
 
     def step(self, state: State, setpoints: Setpoints) -> State:
         """Advances by one time step under the setpoints [2F]."""

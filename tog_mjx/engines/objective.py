@@ -1,15 +1,19 @@
-"""A problem's cost as a function of its variables, and its motions."""
+"""The one road through the package: a problem, an engine and variables give a cost to differentiate, or a motion."""
 
 import functools
+import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
-from tog_mjx.engines.engine import Engine, make_engine
+from tog_mjx.engines.engine import Engine, check_engine, make_engine, on_plane
 from tog_mjx.engines.loop import Loop
+from tog_mjx.engines.simulator import Simulator
+from tog_mjx.problems.library import get_problem
 from tog_mjx.problems.problem import Cost, Problem
 from tog_mjx.problems.starts import Starts
 from tog_mjx.problems.state import State
@@ -20,77 +24,113 @@ from tog_mjx.stepping.mjx_state import MOVING
 
 
 class Motion(NamedTuple):
-    """States at `time` [T] (s), T = steps + 1: qpos [T, nq], qvel [T, nv], and the controls in force, ctrl [T, nu]."""
+    """States at `time` [T] (s), T = steps + 1: qpos [T, nq], qvel [T, nv], and the controls in force, ctrl [T, nu].
+
+    Of a scene of one box and its fingers also box [T, 6] (x, z, theta, vx, vz, omega) and fingers [T, F, 4] (x, z, vx,
+    vz), else None.
+    """
 
     time: Float[Array, " T"]
     qpos: Float[Array, "T nq"]
     qvel: Float[Array, "T nv"]
     ctrl: Float[Array, "T nu"]
+    box: Any = None
+    fingers: Any = None
 
 
+@dataclass(frozen=True)
 class Objective:
-    """J(x) of a problem on an engine: a JAX function, to jit, vmap and differentiate in both modes.
+    """J(x) of a problem on an engine: a JAX function, to jit, vmap and differentiate in both modes; see `objective`.
 
     Of a problem with `Starts` J is the mean over starts, drawn by `key`; without one always the same.
     """
 
-    def __init__(self, problem: Problem, engine: Engine, checkpoint: int | None):
-        self.problem, self.engine, self._checkpoint = problem, engine, checkpoint
-        self.__name__ = f"J of {problem.scene.name}"
-        self._jitted_costs = jax.jit(self._costs, static_argnums=2)
-        self._jitted_motion = jax.jit(self._motion)
-        self._jitted_motions = jax.jit(lambda x, key: self._from_starts(functools.partial(self._motion, x), key))
+    problem: Problem
+    engine: str
+    options: tuple[tuple[str, str], ...] = ()
+    checkpoint: int | None = None
+
+    @property
+    def __name__(self) -> str:
+        return f"J of {self.problem.scene.name}"
 
     def __call__(self, x: Numbers, key: Key[Array, ""] | None = None) -> Scalar:
-        """J at x [n]; raises InputError for an x of another shape, and a cost that fails."""
+        """J at x [n]; raises InputError for an x of another shape or not finite, and a cost that fails."""
         return self.each(x, jax.random.key(0) if key is None else key).mean()
 
     def each(self, x: Numbers, key: Key[Array, ""], count: int | None = None) -> Float[Array, " count"]:
         """The cost of each start that the key draws, so many of them or the problem's own number; of a problem with one
         start that one [1]."""
-        return self._jitted_costs(self.problem.check(x), key, count)
+        return self._program.costs(self.problem.check(x), key, count)
+
+    def with_motion(self, x: Numbers) -> tuple[Motion, Scalar]:
+        """The motion under x from the problem's own start, and its cost."""
+        program = self._program
+        return program.whole(self.problem.check(x), program.engine.model, program.origin)
 
     def motion(self, x: Numbers, key: Key[Array, ""] | None = None) -> Motion:
         """The motion under x; with a key those of the starts that it draws, with a leading axis."""
-        x = self.problem.check(x)
-        if key is None:
-            return self._jitted_motion(x, self.engine.model, self._origin)
-        return self._jitted_motions(x, key)
+        return self._program.motion(self.problem.check(x), key)
 
     @property
-    def _origin(self) -> dict[str, Array]:
-        return {name: getattr(self.engine.origin, name) for name in MOVING}
+    def _program(self) -> "_Program":
+        return _program(self.problem, self.engine, self.options, self.checkpoint, str(jnp.zeros(0).dtype))
+
+
+class _Program:
+    """The functions of x behind an objective, compiled once."""
+
+    def __init__(self, problem: Problem, engine: Engine, checkpoint: int | None = None):
+        self.problem, self.engine, self._checkpoint = problem, engine, checkpoint
+        self.origin = {name: getattr(engine.origin, name) for name in MOVING}
+        self.costs = jax.jit(self._costs, static_argnums=2)
+        self.motion = jax.jit(self._motions)
+
+    def cost(self, x: Array, model: Any, start: dict[str, Array]) -> Scalar:
+        return self._total(*self._roll(x, model, start, self._running))
+
+    def whole(self, x: Array, model: Any, start: dict[str, Array]) -> tuple[Motion, Scalar]:
+        """The motion, and its cost."""
+
+        def now(state: State) -> Motion:
+            return Motion(state.time, state.qpos, state.qvel, state.ctrl)
+
+        last, (seen, running) = self._roll(x, model, start, lambda state: (now(state), self._running(state)))
+        motion = jax.tree.map(lambda rows, row: jnp.concatenate([rows, row[None]]), seen, now(last))
+        if self.problem.scene.is_planar:
+            box, fingers = self.problem.scene.planar(motion.qpos, motion.qvel)
+            motion = motion._replace(box=box, fingers=fingers)
+        return motion, self._total(last, running)
+
+    def _running(self, state: State) -> Scalar | None:
+        cost = self.problem.running_cost
+        return _number(cost, "running_cost", state) if cost else None
+
+    def _total(self, last: State, running: Float[Array, " steps"] | None) -> Scalar:
+        total = jnp.zeros(()) if running is None else running.mean()
+        return total + _number(self.problem.cost, "cost", last) if self.problem.cost else total
 
     def _costs(self, x: Array, key: Key[Array, ""], count: int | None) -> Float[Array, " count"]:
-        return self._from_starts(functools.partial(self._cost, x), key, count)
+        return self._from_starts(functools.partial(self.cost, x), key, count)
+
+    def _motions(self, x: Array, key: Key[Array, ""] | None) -> Motion:
+        def move(model: Any, start: dict[str, Array]) -> Motion:
+            return self.whole(x, model, start)[0]
+
+        return move(self.engine.model, self.origin) if key is None else self._from_starts(move, key)
 
     def _from_starts(self, function: Callable[..., Any], key: Key[Array, ""], count: int | None = None) -> Any:
-        starts, model, origin = self.problem.start, self.engine.model, self._origin
+        starts, model = self.problem.start, self.engine.model
         if not isinstance(starts, Starts):
-            return jax.tree.map(lambda leaf: leaf[None], function(model, origin))
-        placed, fields = starts.draw(key, starts.count if count is None else count, model, origin)
+            return jax.tree.map(lambda leaf: leaf[None], function(model, self.origin))
+        placed, fields = starts.draw(key, starts.count if count is None else count, model, self.origin)
 
         def one(placed: dict[str, Array], fields: dict[str, Array]) -> Any:
-            return function(model.tree_replace(fields), {**origin, **placed})
+            return function(model.tree_replace(fields), {**self.origin, **placed})
 
         return jax.vmap(one)(placed, fields)
 
-    def _cost(self, x: Array, model: Any, start: dict[str, Array]) -> Scalar:
-        problem, total = self.problem, jnp.zeros(())
-        watch = functools.partial(_number, problem.running_cost, "running_cost") if problem.running_cost else None
-        last, seen = self._roll(x, model, start, watch)
-        if problem.running_cost:
-            total = total + seen.mean()
-        return total + _number(problem.cost, "cost", last) if problem.cost else total
-
-    def _motion(self, x: Array, model: Any, start: dict[str, Array]) -> Motion:
-        def watch(state: State) -> Motion:
-            return Motion(state.time, state.qpos, state.qvel, state.ctrl)
-
-        last, seen = self._roll(x, model, start, watch)
-        return jax.tree.map(lambda rows, row: jnp.concatenate([rows, row[None]]), seen, watch(last))
-
-    def _roll(self, x: Array, model: Any, start: dict[str, Array], watch: Callable | None) -> tuple[State, Any]:
+    def _roll(self, x: Array, model: Any, start: dict[str, Array], watch: Callable) -> tuple[State, Any]:
         bound, ctrl = self.problem.bound, self.engine.origin.ctrl
         model, start = bound.place(x, model, start)
         loop = Loop(
@@ -98,7 +138,7 @@ class Objective:
             state=functools.partial(self.engine.state, model),
             controls=bound.controls(x) if bound.controls else ctrl,
             every=bound.every,
-            watch=watch or (lambda _: None),
+            watch=watch,
         )
         now, seen = loop.run((self.engine.begin(model, start), ctrl), self.problem.steps, self._checkpoint)
         return loop.state(*now), seen
@@ -112,23 +152,56 @@ def _number(cost: Cost, what: str, state: State) -> Scalar:
 
 
 @functools.lru_cache(maxsize=64)
-def _objective(problem: Problem, engine: str, options: tuple, checkpoint: int | None, _dtype: str) -> Objective:
-    return Objective(problem, make_engine(problem, engine, **dict(options)), checkpoint)
+def _program(problem: Problem, engine: str, options: tuple, checkpoint: int | None, _dtype: str) -> _Program:
+    return _Program(problem, make_engine(problem, engine, **dict(options)), checkpoint)
 
 
-def objective(problem: Problem, engine: str = "mjx", checkpoint: int | None = None, **options: str) -> Objective:
-    """J of a problem, see `Objective`. Its precision is that of JAX's x64 flag at this call; equal calls share it.
+def objective(
+    problem: str | Problem, engine: str = "mjx", *, checkpoint: int | None = None, simulator: str = "", **options: Any
+) -> Objective:
+    """J(x) of a problem, a JAX function of its variables x [n]. Equal calls share one compiled function.
 
     Args:
-      engine: "mjx" for any scene (option `differentiation`, see `tog.step`), "penalty" or "released" for those of one
-        box and its fingers, with the options of `tog.make_simulator`.
+      problem: a Problem, or the name of one: "flip" or "grasp".
+      engine: "mjx" for any scene (option `differentiation="implicit" | "saltation" | "native"`, see `tog.step`);
+        "penalty" (options `friction="mujoco" | "paper"` and `differentiation="native" | "saltation"`) or "released"
+        (option `mended`, one quirk out of `tog_mjx.paper.released.MENDED`) for those of one box and its fingers.
+        `simulator` is its older name.
       checkpoint: keep the state only every so many steps for reverse mode and compute the rest again; a divisor of the
         steps, and a multiple of those for which a policy's controls are held.
+
+    Its precision is that of JAX's x64 flag where it is called.
 
     Raises:
       InputError: for an unknown name or option, and a scene or variables that the engine cannot move.
     """
+    problem, engine = get_problem(problem), older(engine, simulator)
+    check_engine(problem, engine, options)
     steps, every = problem.steps, problem.bound.every
     if checkpoint is not None and (steps % require_whole("checkpoint", checkpoint, 1, steps) or checkpoint % every):
         raise InputError(f"checkpoint is {checkpoint}: give a divisor of {steps} steps, and a multiple of {every}")
-    return _objective(problem, engine, tuple(sorted(options.items())), checkpoint, str(jnp.zeros(0).dtype))
+    return Objective(problem, engine, tuple(sorted(options.items())), checkpoint)
+
+
+def rollout(problem: str | Problem, x: Numbers, engine: str = "mjx", *, simulator: str = "", **options: Any) -> Motion:
+    """The motion of a problem under its variables x [n]; arguments and errors are those of `objective`."""
+    return objective(problem, engine, simulator=simulator, **options).motion(x)
+
+
+def older(engine: str, simulator: str) -> str:
+    """The engine's name, which may be given by the older word for it."""
+    if simulator:
+        warnings.warn("simulator= is the older name of engine=, and will go", DeprecationWarning, stacklevel=3)
+    return simulator or engine
+
+
+def final_cost(problem: Problem, simulator: Simulator, x: Float[Array, " n"]) -> Scalar:
+    """J on a planar simulator of one's own, which may be a traced pytree: J is differentiable in its parameters too."""
+    program = _Program(problem, on_plane(problem, simulator))
+    return program.cost(x, program.engine.model, program.origin)
+
+
+def trajectory(problem: Problem, simulator: Simulator, x: Float[Array, " n"]) -> Motion:
+    """The whole motion on a planar simulator of one's own, the initial state first."""
+    program = _Program(problem, on_plane(problem, simulator))
+    return program.whole(x, program.engine.model, program.origin)[0]

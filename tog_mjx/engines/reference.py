@@ -1,19 +1,19 @@
-"""C MuJoCo as the reference: the cost of many setpoints at a time, and its gradient by central differences."""
+"""C MuJoCo as the reference: the cost of many points at a time, and its gradient by central differences."""
 
-import functools
 from collections.abc import Iterator
 
 import jax
+import jax.numpy as jnp
 import mujoco
 import mujoco.rollout
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from tog_mjx.engines.rollout import interpolate
 from tog_mjx.gradients.settled import Differences, central_differences, halvings
-from tog_mjx.paper.tasks import Task
+from tog_mjx.problems.problem import Problem
+from tog_mjx.problems.state import State
 from tog_mjx.running.devices import cores
-from tog_mjx.stepping.mjx_state import default_start
+from tog_mjx.running.errors import InputError
 
 STEPS = halvings(1e-6, 9)
 """Of setpoints, in m: beyond the first a jump of the cost is often in between, before the last rounding shows."""
@@ -21,33 +21,38 @@ SETTLED = 1e-4
 """The largest relative change at the last halving with which a gradient counts as known."""
 
 
-def final_costs(task: Task, setpoints: Float[np.ndarray, "N n"], threads: int | None = None) -> Float[np.ndarray, " N"]:
-    """J of each row of setpoints, on all cores or as many threads as given."""
-    model = task.scene.model
+def final_costs(problem: Problem, points: Float[np.ndarray, "N n"], threads: int | None = None) -> np.ndarray:
+    """J [N] of each row of controls, on all cores or as many threads as given: for costs of the last positions,
+    velocities and activations alone."""
+    model = problem.scene.model
     kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
     start = np.zeros(mujoco.mj_stateSize(model, kind))
-    mujoco.mj_getState(model, default_start(model), start, kind)
-    box = np.concatenate([1 + task.scene.joints[:3], 1 + model.nq + task.scene.joints[:3]])
-    workers = [mujoco.MjData(model) for _ in range(threads or cores())]
-    last = []
-    for chunk in np.array_split(setpoints, -(-len(setpoints) // 256)):
-        controls = np.zeros((len(chunk), 1 if task.knots == 1 else task.horizon - 1, model.nu))
-        controls[:, :, task.scene.actuators] = chunk[:, None] if task.knots == 1 else _tables(task, chunk)
-        initial = np.tile(start, (len(chunk), 1))
-        states, _ = mujoco.rollout.rollout(model, workers, initial, control=controls, nstep=task.horizon - 1)
-        last.append(states[:, -1, box])
+    mujoco.mj_getState(model, problem.origin, start, kind)
+    workers, last = [mujoco.MjData(model) for _ in range(threads or cores())], []
+    plan = problem.bound.controls
+    if plan is None or callable(jax.eval_shape(plan, problem.x0)):
+        raise InputError("the reference moves problems under controls over time alone")
     with jax.enable_x64():
-        return np.asarray(jax.vmap(task.cost)(np.concatenate(last)))
+        controls = jax.jit(jax.vmap(lambda x: jnp.atleast_2d(jnp.asarray(plan(x)))))
+        for chunk in np.array_split(points, -(-len(points) // 256)):
+            initial, rows = np.tile(start, (len(chunk), 1)), np.asarray(controls(chunk))
+            states, _ = mujoco.rollout.rollout(model, workers, initial, control=rows, nstep=problem.steps)
+            last.append(states[:, -1])
+        return np.asarray(jax.vmap(lambda state: problem.cost(_state(model, state)))(np.concatenate(last)))
 
 
-def _tables(task: Task, setpoints: Float[np.ndarray, "N n"]) -> np.ndarray:
-    """The setpoints [N, steps, 2F] of every time step, from those of the knots."""
-    with jax.enable_x64():
-        return np.asarray(jax.vmap(functools.partial(interpolate, task))(setpoints))
+def _state(model: mujoco.MjModel, numbers: Float[Array, " s"]) -> State:
+    """The State behind MuJoCo's vector of a full state."""
+    time, qpos, qvel, act = jnp.split(numbers, np.cumsum([1, model.nq, model.nv]))
+    return State(time[0], qpos, qvel, act[: model.na], jnp.zeros(model.nu), model, _nothing, _nothing)
 
 
-def gradients(task: Task, setpoints: Float[np.ndarray, "N n"], chunk: int = 25) -> Iterator[Differences]:
-    """dJ/du by central differences, a chunk of setpoints at a time: Jacobians [chunk, 1, n] and their changes."""
-    for first in range(0, len(setpoints), chunk):
-        points = setpoints[first : first + chunk]
-        yield central_differences(lambda u: final_costs(task, np.asarray(u))[:, None], points, STEPS)
+def _nothing():
+    raise InputError("the reference knows positions, velocities and activations alone")
+
+
+def gradients(problem: Problem, points: Float[np.ndarray, "N n"], chunk: int = 25) -> Iterator[Differences]:
+    """dJ/dx by central differences, a chunk of points at a time: Jacobians [chunk, 1, n] and their changes."""
+    for first in range(0, len(points), chunk):
+        some = points[first : first + chunk]
+        yield central_differences(lambda x: final_costs(problem, np.asarray(x))[:, None], some, STEPS)

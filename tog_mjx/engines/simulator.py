@@ -21,7 +21,6 @@ import jax
 from tog_mjx.engines.mjx import MjxSimulator
 from tog_mjx.engines.penalty import PenaltySimulator
 from tog_mjx.mjcf.scene import Scene
-from tog_mjx.paper.released import ReleasedSimulator
 from tog_mjx.running.errors import InputError, require_kind
 from tog_mjx.running.types import Box, Fingers, Setpoints
 
@@ -37,7 +36,8 @@ class Simulator(Protocol):
     def observe(self, state: Any) -> tuple[Box, Fingers]: ...
 
 
-SIMULATORS: dict[str, Any] = {"mjx": MjxSimulator, "penalty": PenaltySimulator, "released": ReleasedSimulator}
+SIMULATORS: dict[str, Any] = {"mjx": MjxSimulator, "penalty": PenaltySimulator}
+"""By name. The paper's room adds its own."""
 
 
 def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
@@ -45,11 +45,10 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
 
     Args:
       name: "mjx", "penalty" or "released".
-      options: `differentiation="implicit" | "native"` of mjx, `friction="mujoco" | "paper"` of penalty, `mended`
-        of released, one of `tog_mjx.paper.released.MENDED`.
+      options: see `tog.objective`.
 
     Raises:
-      InputError: for an unknown simulator, option or value.
+      InputError: for an unknown engine, option or value.
     """
     check_names(name, options)
     require_kind("the scene", scene, Scene, "give what tog.load_scene returns")
@@ -66,19 +65,20 @@ def gradient_charge(name: str, differentiation: str | None = None) -> float:
 
 
 def precision(simulator: str, **options: str):
-    """A context: the released program computes in float32, as it did, unless that is mended; the others in float64."""
-    return jax.enable_x64(simulator != "released" or options.get("mended") == "precision")
+    """A context: the precision in which a simulator's numbers are told, float64 unless it says otherwise."""
+    in_float32 = getattr(SIMULATORS[simulator], "in_float32", None)
+    return jax.enable_x64(in_float32 is None or not in_float32(**options))
 
 
 def check_names(name: str, options: Mapping[str, str]) -> None:
-    """Raises InputError for an unknown simulator, option or value."""
+    """Raises InputError for an unknown engine, option or value."""
     if name not in list(SIMULATORS):
-        raise InputError(f"simulator {name!r} is unknown; choose from {', '.join(SIMULATORS)}")
+        raise InputError(f"engine {name!r} is unknown; choose from {', '.join(SIMULATORS)}")
     choices = SIMULATORS[name].OPTIONS
     for option, value in options.items():
         if option not in choices:
             raise InputError(
-                f"simulator {name!r} has no option {option!r}; it takes {' and '.join(choices) or 'no options'}"
+                f"engine {name!r} has no option {option!r}; it takes {' and '.join(choices) or 'no options'}"
             )
         if value not in choices[option]:
             raise InputError(f"{option}={value!r} is unknown; choose from {', '.join(choices[option])}")

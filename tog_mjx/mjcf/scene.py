@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import mujoco
 import numpy as np
 
@@ -17,6 +19,7 @@ from tog_mjx.mjcf.contact import PenaltyLaw
 from tog_mjx.mjcf.supported import check_supported
 from tog_mjx.running.errors import InputError, near, require_kind
 from tog_mjx.running.quiet import without_warnings
+from tog_mjx.running.types import AnyArray
 from tog_mjx.stepping.mjx_state import default_start
 
 _PACKAGE = Path(__file__).parent.parent
@@ -48,11 +51,30 @@ class Scene:
         return np.array([self._named("actuator", f"{finger}_{axis}").id for finger in self.fingers for axis in "xz"])
 
     @property
+    def is_planar(self) -> bool:
+        """Whether it is a scene of one box and its fingers."""
+        names = {mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_JOINT, i) for i in range(self.model.njnt)}
+        return {"box_x", "box_z", "box_theta", "finger1_x", "finger1_z"} <= names
+
+    def planar(self, qpos: AnyArray, qvel: AnyArray) -> tuple[AnyArray, AnyArray]:
+        """Of positions [..., nq] and velocities: box (x, z, theta, vx, vz, omega) [..., 6], fingers (x, z, vx, vz)
+        [..., F, 4]."""
+        q, v = qpos[..., self.joints], qvel[..., self.joints]
+        xp = jnp if isinstance(q, jax.Array) else np
+        fingers = [some[..., 3:].reshape(*some.shape[:-1], -1, 2) for some in (q, v)]
+        return xp.concatenate([q[..., :3], v[..., :3]], axis=-1), xp.concatenate(fingers, axis=-1)
+
+    @staticmethod
+    def of_joints(box: AnyArray, fingers: AnyArray) -> tuple[jax.Array, jax.Array]:
+        """Positions and velocities [3 + 2F] of `joints`: the inverse of `planar`."""
+        positions = jnp.concatenate([box[:3], fingers[:, :2].ravel()])
+        return positions, jnp.concatenate([box[3:], fingers[:, 2:].ravel()])
+
+    @property
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """By `default_start`: box (x, z, theta, vx, vz, omega) [6] and fingers (x, z, vx, vz) [F, 4]."""
-        q, v = self._start.qpos[self.joints], self._start.qvel[self.joints]
-        fingers = np.concatenate([q[3:].reshape(-1, 2), v[3:].reshape(-1, 2)], axis=1)
-        return np.concatenate([q[:3], v[:3]]), fingers
+        """Box and fingers by `default_start`."""
+        box, fingers = self.planar(self._start.qpos, self._start.qvel)
+        return np.asarray(box), np.asarray(fingers)
 
     @property
     def initial_guess(self) -> np.ndarray:

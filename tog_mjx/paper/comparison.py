@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from tog_mjx.engines import precision
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.gradients import exact, stochastic
 from tog_mjx.paper.published import published
 from tog_mjx.paper.tasks import TASKS, Rule, get_task
@@ -55,8 +55,8 @@ class Run:
             "method": self.method,
             "seed": self.seed if self.method == "stochastic" else None,
             **self.rule._asdict(),
-            "horizon": task.horizon,
-            "scene": scene_digest(task),
+            "steps": task.steps,
+            "scene": scene_digest(task.scene.model),
             "program": program_digest(__name__),
             "precision": "float32" if self.simulator == "released" else "float64",
         }

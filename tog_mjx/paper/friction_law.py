@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 from tog_mjx.engines import PenaltySimulator
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.gradients import exact
 from tog_mjx.paper.tasks import Task
 from tog_mjx.solving.descent import descend

@@ -81,7 +81,7 @@ def table_1(tasks: Sequence[Task]) -> str:
     row("step, stochastic: alpha_2", *(f"{task.stochastic.step_size:g}" for task in tasks))
     row("sigma (m)", *(f"{task.stochastic.sigma:g}" for task in tasks))
     row("iterations, stochastic", *(f"{task.stochastic.iterations}" for task in tasks))
-    row("horizon (time steps)", *(f"{task.horizon - 1}" for task in tasks))
+    row("horizon (time steps)", *(f"{task.steps}" for task in tasks))
     row("time step (s)", *(f"{task.scene.model.opt.timestep:g}" for task in tasks))
     return "\n".join(rows) + "\n"
 

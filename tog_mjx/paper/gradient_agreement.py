@@ -16,12 +16,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.engines import TERMS, Simulator, make_simulator, reference
-from tog_mjx.engines.rollout import final_cost
+from tog_mjx.engines import Simulator, make_simulator, reference
+from tog_mjx.engines.objective import final_cost
 from tog_mjx.gradients import exact
 from tog_mjx.mjcf.scene import Scene
 from tog_mjx.paper.tasks import Task, get_task
-from tog_mjx.running.digests import program_digest, scene_digest
+from tog_mjx.paper.terms import TERMS
+from tog_mjx.running.digests import made_with
 from tog_mjx.running.errors import InputError
 from tog_mjx.running.storage import DamagedFileError, load_result, of_shapes, save_result
 
@@ -58,8 +59,7 @@ class Piece:
         return out / self.task / f"{self.method.replace(', ', '-').replace(' ', '_').replace(chr(39), '')}.npz"
 
     def settings(self) -> dict[str, Any]:
-        task = get_task(self.task)
-        return {**dataclasses.asdict(self), "scene": scene_digest(task), "program": program_digest(__name__)}
+        return {**dataclasses.asdict(self), **made_with(get_task(self.task).scene.model, __name__)}
 
 
 class Gradients(NamedTuple):

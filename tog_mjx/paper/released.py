@@ -28,6 +28,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from tog_mjx.engines import SIMULATORS
 from tog_mjx.engines.penalty import in_default_precision
 from tog_mjx.mjcf.scene import Physics, Scene
 from tog_mjx.running.types import AnyArray, Box, Fingers, Scalar, Setpoints, Vector
@@ -75,6 +76,11 @@ class ReleasedSimulator:
     @classmethod
     def from_scene(cls, scene: Scene, mended: str = "nothing") -> "ReleasedSimulator":
         return cls(in_default_precision(scene.physics), mended)
+
+    @staticmethod
+    def in_float32(mended: str = "nothing") -> bool:
+        """Whether its numbers are told in that precision, as they were published."""
+        return mended != "precision"
 
     def init(self, box: Box, fingers: Fingers) -> ReleasedState:
         box, fingers = jnp.asarray(box, float), jnp.asarray(fingers, float)
@@ -184,6 +190,9 @@ class ReleasedSimulator:
         shifted = jnp.linalg.norm(velocity + REGULARISER)
         sliding = law.friction * velocity / (shifted + REGULARISER)
         return jnp.where(shifted <= sticking_speed, law.slope * velocity, sliding)
+
+
+SIMULATORS["released"] = ReleasedSimulator
 
 
 def diagonal_sector(point: Vector) -> Vector:

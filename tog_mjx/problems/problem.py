@@ -2,10 +2,11 @@
 
 import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -24,6 +25,8 @@ from tog_mjx.stepping.mjx_state import default_start, require_state
 
 Cost = Callable[[State], AnyArray]
 CONSTANT = Controls()
+_FARTHEST = 1e9
+"""Of a variable: what is computed of one overflows from 1e19 on in float32, and from 1e150 on in float64."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Problem:
     model: str | Path | mujoco.MjSpec | mujoco.MjModel
     steps: int
     variables: Variables | Sequence[Any] = CONSTANT
-    cost: Cost | None = None
+    cost: Any = None
     running_cost: Cost | None = None
     start: mujoco.MjData | str | Starts | None = None
     bounds: tuple[Numbers, Numbers] | None = None
@@ -87,6 +90,15 @@ class Problem:
         if isinstance(self.model, mujoco.MjModel):
             return None
         return self.model if isinstance(self.model, mujoco.MjSpec) else scene_path(self.model)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it was made of: all else follows."""
+        return {part.name: getattr(self, part.name) for part in fields(self)}
+
+    @property
+    def knots(self) -> int:
+        """Of controls over time; 0 where the variables are others, or several."""
+        return self.variables.knots if isinstance(self.variables, Controls) else 0
 
     @functools.cached_property
     def scene(self) -> Scene:
@@ -141,10 +153,14 @@ class Problem:
     def check(self, x: Numbers) -> Float[Array, " n"]:
         """x as numbers [n]; raises InputError where they are none."""
         try:
-            found = jnp.asarray(x, float)
+            with jax.ensure_compile_time_eval():  # Numbers stay numbers inside a transformation of something else.
+                found = jnp.asarray(x, float)
         except (TypeError, ValueError):
-            raise InputError(f"x is not numbers; give {len(self.bound.guess)} of them") from None
+            raise InputError(f"x = {x!r} is not numbers; give {len(self.bound.guess)} of them") from None
         if found.shape != self.bound.guess.shape:
-            names = ", ".join(self.bound.names[:6])
-            raise InputError(f"x has the shape {list(found.shape)}; give [{len(self.bound.guess)}]: {names}")
+            takes = f"{self.scene.name} takes [{len(self.bound.guess)}]: {', '.join(self.bound.names[:6])}"
+            raise InputError(f"x has the shape {list(found.shape)}; {takes}")
+        if not isinstance(found, jax.core.Tracer) and not (np.abs(np.asarray(found)) <= _FARTHEST).all():
+            why = "not finite" if not np.isfinite(np.asarray(found)).all() else "too far away"
+            raise InputError(f"x = {found.tolist()} is {why}; give finite numbers, up to {_FARTHEST:g}")
         return found

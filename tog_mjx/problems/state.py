@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import mujoco
+import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.running.errors import InputError, near
@@ -49,6 +50,19 @@ class State:
         first = self._names.sensor_adr[i]
         return self.sensordata[first : first + self._names.sensor_dim[i]]
 
+    def joint(self, name: str) -> Float[Array, "*k"]:
+        """A joint's position: a number of a slide (m) or a hinge (rad), [4] of a ball, [7] of a free one."""
+        return self._of_joint(name, self.qpos, self._names.jnt_qposadr, (7, 4, 1, 1))
+
+    def speed(self, name: str) -> Float[Array, "*k"]:
+        """A joint's velocity: a number of a slide (m/s) or a hinge (rad/s), [3] of a ball, [6] of a free one."""
+        return self._of_joint(name, self.qvel, self._names.jnt_dofadr, (6, 3, 1, 1))
+
+    def _of_joint(self, name: str, values: Array, addresses: np.ndarray, sizes: tuple[int, ...]) -> Array:
+        i = self._number(mujoco.mjtObj.mjOBJ_JOINT, "joint", name)
+        first, size = addresses[i], sizes[self._names.jnt_type[i]]
+        return values[first] if size == 1 else values[first : first + size]
+
     def site(self, name: str) -> Float[Array, "3"]:
         """Where a site is, in m."""
         return self._posed.site_xpos[self._number(mujoco.mjtObj.mjOBJ_SITE, "site", name)]
@@ -64,7 +78,8 @@ class State:
     def _number(self, kind: mujoco.mjtObj, what: str, name: str) -> int:
         found = mujoco.mj_name2id(self._names, kind, name)
         if found < 0:
-            count = {"sensor": self._names.nsensor, "site": self._names.nsite, "body": self._names.nbody}[what]
+            model = self._names
+            count = {"sensor": model.nsensor, "site": model.nsite, "body": model.nbody, "joint": model.njnt}[what]
             names = [some for i in range(count) if (some := mujoco.mj_id2name(self._names, kind, i))]
             listed = f"choose from {', '.join(names[:20])}" if names else "none has a name"
             raise InputError(f"the scene has no {what} named {name}; {listed}{near(name, names)}")

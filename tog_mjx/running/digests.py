@@ -15,8 +15,6 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from tog_mjx.paper.tasks import Task
-
 _PACKAGE = Path(__file__).parent.parent
 DRAWS = ("tog_mjx.drawing", "tog_mjx.running.console")
 """Parts of this package without influence on a result."""
@@ -31,17 +29,16 @@ COMPUTES = {
 """Libraries that compute, by what is imported, with their distributions: their versions count where they are used."""
 
 
-def scene_digest(task: Task) -> str:
+def scene_digest(model: mujoco.MjModel) -> str:
     """SHA-256 of the compiled scene: any change of a number in its MJCF file changes it."""
-    model = task.scene.model
     binary = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, binary)
     return hashlib.sha256(binary.tobytes()).hexdigest()
 
 
-def made_with(task: Task, module: str) -> dict[str, str]:
+def made_with(model: mujoco.MjModel, module: str) -> dict[str, str]:
     """Both digests, for the settings of a result that `module` makes and keeps."""
-    return {"scene": scene_digest(task), "program": program_digest(module)}
+    return {"scene": scene_digest(model), "program": program_digest(module)}
 
 
 @functools.cache

@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx.checks.measured.modes import REFUSED
 from tog_mjx.engines import check_names, gradient_charge, precision
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.gradients import exact
 from tog_mjx.paper.tasks import Task, get_task
 from tog_mjx.problems.problem import Problem
@@ -95,7 +95,7 @@ def solve(
     if isinstance(guess, Real):
         raise InputError(f"the guess is {guess}: give setpoints; a budget is given by its name, budget={guess}")
     engine = engine or "mjx"
-    options = {"differentiation": differentiation} if differentiation else {}
+    options: dict[str, Any] = {"differentiation": differentiation} if differentiation else {}
     check_names(engine, options)
     gradients = _gradients(budget, gradient_charge(engine, differentiation), engine)
     with precision(engine):
@@ -149,7 +149,8 @@ def _solve_problem(
     report: Callable | None,
 ) -> Descent:
     """In the precision of JAX's x64 flag; x stays within its bounds."""
-    J = objective(problem, engine, **({"differentiation": differentiation} if differentiation else {}))
+    options: dict[str, Any] = {"differentiation": differentiation} if differentiation else {}
+    J = objective(problem, engine, **options)
     starts = problem.start if isinstance(problem.start, Starts) else None
     charge = gradient_charge(engine, differentiation) * (starts.count if starts else 1)
     gradients = _gradients(budget, charge, f"{problem.scene.name} on {engine}")

@@ -18,7 +18,7 @@ import pandas as pd
 from jaxtyping import Array, Float
 
 from tog_mjx.engines import SIMULATORS, precision
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.gradients import Objective
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.digests import made_with
@@ -96,7 +96,7 @@ class Asymmetry:
         updates = int(BUDGET["grasp"] / charge) - 1
         rules = {"plain": ("exact, plain", task.exact.step_size, UPDATES)}
         rules["solve"] = ("solve", step_size(task, updates + 1), updates)
-        settings = {"guesses": guesses.tolist(), "rules": rules, **made_with(task, __name__)}
+        settings = {"guesses": guesses.tolist(), "rules": rules, **made_with(task.scene.model, __name__)}
         tables = []
         with precision("penalty"):
             J = objective(task, "penalty")

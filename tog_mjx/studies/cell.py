@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.engines import SIMULATORS, gradient_charge, make_simulator, precision
-from tog_mjx.engines.rollout import final_cost
+from tog_mjx.engines.objective import final_cost
 from tog_mjx.gradients import Objective
 from tog_mjx.paper.tasks import Task, get_task
 from tog_mjx.running.batches import map_points
@@ -89,7 +89,7 @@ class Cell:
 
     def settings(self) -> dict[str, Any]:
         """All that the result depends on."""
-        return {**dataclasses.asdict(self), **made_with(get_task(self.task), __name__)}
+        return {**dataclasses.asdict(self), **made_with(get_task(self.task).scene.model, __name__)}
 
 
 def updates_within(budget: int | float, cell: Cell) -> Cell:

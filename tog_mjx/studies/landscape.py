@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.engines import SIMULATORS, make_simulator, precision
-from tog_mjx.engines.rollout import final_cost
+from tog_mjx.engines.objective import final_cost
 from tog_mjx.gradients import exact_batch
 from tog_mjx.paper.tasks import Task
 from tog_mjx.running.batches import map_kept
@@ -75,7 +76,7 @@ def grid(task: Task, size: int, centred: bool = False) -> Float[np.ndarray, "N 2
 def _cost(task: Task, simulator: str) -> Callable[[Vector], Scalar]:
     """J of a point of the window."""
     engine = make_simulator(simulator, task.scene)
-    return lambda point: final_cost(task, engine, task.expand(point))
+    return lambda point: final_cost(task, engine, jnp.asarray(task.expand(point)))
 
 
 def _settings(task: Task, simulator: str, what: str) -> dict[str, Any]:
@@ -85,7 +86,7 @@ def _settings(task: Task, simulator: str, what: str) -> dict[str, Any]:
         "simulator": simulator,
         "task": task.name,
         "window": task.window,
-        "horizon": task.horizon,
-        "scene": scene_digest(task),
+        "steps": task.steps,
+        "scene": scene_digest(task.scene.model),
         "program": program_digest(__name__),
     }

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from tog_mjx.drawing.figures.predictions import draw_why
 from tog_mjx.engines import SIMULATORS, precision
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.gradients import Objective, exact_batch, local
 from tog_mjx.paper.tasks import TASKS, Rule, get_task
 from tog_mjx.running.batches import map_points
@@ -167,7 +167,7 @@ class Why:
         tables = []
         guesses, number, pairs = (2, 3, 256) if quick else (10, 5, 2048)
         for name in TASKS:
-            sigmas, program = (NEAR, get_task(name).stochastic.sigma), made_with(get_task(name), __name__)
+            sigmas, program = (NEAR, get_task(name).stochastic.sigma), made_with(get_task(name).scene.model, __name__)
             with piece(f"{name} penalty, descents", 1) as report:
                 make_descents = functools.partial(descents, name, guesses)
                 shape = (guesses, None, get_task(name).initial_guess.size)

@@ -47,7 +47,7 @@ def draw_motions(task: Task, simulator: str, motions: Mapping[str, Motion]) -> F
 
 def _draw_motion(axes: Axes, task: Task, motion: Motion) -> None:
     data = mujoco.MjData(task.scene.model)
-    planar.draw(axes, [shape for shape in planar.place(task.scene, data, *task.start) if not shape.moves])
+    planar.draw(axes, [shape for shape in planar.place(task.scene, data, *task.scene.start) if not shape.moves])
     moments = np.linspace(0, len(motion.box) - 1, SNAPSHOTS).round().astype(int)
     for moment, alpha in zip(moments, np.linspace(0.12, 1, SNAPSHOTS) ** 1.5, strict=True):
         shapes = planar.place(task.scene, data, motion.box[moment], motion.fingers[moment])

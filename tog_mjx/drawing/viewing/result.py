@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.drawing.viewing.shown import Motion
-from tog_mjx.engines import check_names, precision
-from tog_mjx.engines.rollout import check_setpoints, rollout
+from tog_mjx.engines import check_names, precision, rollout
 from tog_mjx.mjcf.scene import Scene
 from tog_mjx.paper.comparison import read
 from tog_mjx.paper.tasks import Task, get_task
@@ -45,14 +44,14 @@ def read_iterate(path: Path, which: str | int = "best") -> Iterate:
         raise InputError(f"{error}: it is damaged, or no run of this program") from None
     except (KeyError, TypeError, InputError) as error:
         raise InputError(f"{path}: its settings are not those of a run ({' '.join(str(error).split())})") from None
-    if settings.get("scene") != scene_digest(task):
+    if settings.get("scene") != scene_digest(task.scene.model):
         raise InputError(f"{path} was made with another version of the scene {task.name}; run it again")
     last = descent.iterations
     number = {"best": descent.best_iteration, "last": last}.get(str(which), which)
     if not isinstance(number, int) or not 0 <= number <= last:
         raise InputError(f"{path} has no iterate {which}; it has 0 to {last}, best and last")
     setpoints = np.asarray(descent.setpoints[number], float)
-    check_setpoints(task, setpoints)
+    task.check(setpoints)
     return Iterate(task, simulator, number, setpoints, float(descent.costs[number]))
 
 
@@ -61,10 +60,10 @@ def replay(iterate: Iterate, duration: float | None = None) -> Motion:
     task = iterate.task
     if duration is not None:
         steps = round(duration / task.scene.model.opt.timestep)
-        task = dataclasses.replace(task, horizon=steps + 1)
+        task = dataclasses.replace(task, steps=steps)
     with precision(iterate.simulator):
-        time, box, fingers = (np.asarray(x, float) for x in rollout(task, iterate.setpoints, iterate.simulator))
-    return Motion(time, positions(task.scene, box, fingers))
+        motion = rollout(task, iterate.setpoints, iterate.simulator)
+        return Motion(np.asarray(motion.time, float), np.asarray(motion.qpos, float))
 
 
 def positions(scene: Scene, box: Float[np.ndarray, "T 6"], fingers: Float[np.ndarray, "T F 4"]) -> np.ndarray:

@@ -11,7 +11,7 @@ import time
 import jax
 import jax.numpy as jnp
 
-from tog_mjx.engines.rollout import objective
+from tog_mjx.engines.objective import objective
 from tog_mjx.gradients import exact
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.console import run_main

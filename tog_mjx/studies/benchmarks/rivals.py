@@ -13,9 +13,11 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.engines import Simulator
+from tog_mjx.engines.engine import on_plane
 from tog_mjx.mjcf.contact import PenaltyLaw
 from tog_mjx.paper.tasks import Task
 from tog_mjx.running.types import Scalar
+from tog_mjx.stepping.mjx_state import MOVING
 
 _COMPILE = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-fPIC", "-c")
 # Without -ffast-math: a library linked with it makes the processor flush subnormal numbers to zero, for everybody.
@@ -25,11 +27,13 @@ _LINK = ("-fopenmp", "-shared")
 def python_loop(task: Task, simulator: Simulator, steps: int) -> Callable[[jax.Array], Scalar]:
     """J after `steps` time steps, every step traced by Python: as the paper's released program unrolls its loop."""
 
+    engine = on_plane(task, simulator)
+
     def cost(u: jax.Array) -> Scalar:
-        state = simulator.init(*task.start)
+        carry = engine.begin(engine.model, {name: getattr(engine.origin, name) for name in MOVING})
         for _ in range(steps):
-            state = simulator.step(state, u)
-        return task.cost(simulator.observe(state)[0])
+            carry, _ = engine.step(engine.model, carry, u)
+        return task.cost(engine.state(engine.model, carry, u))
 
     return cost
 
@@ -56,7 +60,7 @@ def c_loop(task: Task):
 
         def run(setpoints: Float[np.ndarray, "N 2"]) -> Float[np.ndarray, " N"]:
             given, costs = np.ascontiguousarray(setpoints, np.float32), np.empty(len(setpoints), np.float32)
-            flips(given, len(given), task.horizon - 1, parameters, costs)
+            flips(given, len(given), task.steps, parameters, costs)
             return costs
 
         yield run
@@ -69,7 +73,7 @@ def _parameters(task: Task) -> np.ndarray:
     numbers += [p.finger_mass, p.finger_radius, p.finger_stiffness, p.finger_damping]
     for law in (p.corner_floor, p.finger_floor, p.finger_box):
         numbers += _law(law)
-    box, fingers = task.start
+    box, fingers = task.scene.start
     return np.array([*numbers, *np.ravel(p.corners), *box, *fingers[0]], np.float32)
 
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tog_mjx.engines import SIMULATORS, MjxSimulator, Simulator, make_simulator, reference
-from tog_mjx.engines.rollout import final_cost
+from tog_mjx.engines.objective import final_cost
 from tog_mjx.gradients import exact_batch, stochastic
 from tog_mjx.paper.tasks import Task, get_task
 from tog_mjx.running.batches import chunk_size
@@ -62,7 +62,7 @@ def single(task: Task, repeats: int, report: Report) -> list[Row]:
     times = interleaved(runs, repeats)
     rows = []
     for (name, what), seconds in times.items():
-        scale = (task.horizon - 1) / UNROLLED if name == PYTHON else 1.0
+        scale = (task.steps) / UNROLLED if name == PYTHON else 1.0
         program, alone = programs.get((name, what)), times.get((name, "J"), times[one_thread])
         rows.append(
             {
@@ -197,7 +197,7 @@ def scaling(task: Task, factors: Sequence[int], repeats: int, report: Report) ->
         programs = {}
         for factor in factors:
             report(f"{what} times {factor}")
-            grown = dataclasses.replace(task, horizon=150 * factor + 1) if what == "horizon" else task
+            grown = dataclasses.replace(task, steps=150 * factor) if what == "horizon" else task
             grown = get_task(task, knots=8 * factor) if what == "knots" else grown
             u = jnp.array(grown.initial_guess)
             cost = functools.partial(final_cost, grown, make_simulator("penalty", grown.scene))
