@@ -176,16 +176,16 @@ def optima(tasks: list[str]) -> Table:
 
 def draw(task: str, found: dict[Piece, Gradients], out: Path, console: Console) -> Path:
     """The figure of one task."""
-    fields = {}
+    fields, of = {}, get_task(task)
     for simulator in ("mjx", PENALTY):
         folder = out / task / simulator
         with Work(console).piece(f"{task}: landscape on {simulator}", LANDSCAPE**2, "reading or compiling") as report:
-            costs = landscape(get_task(task), simulator, LANDSCAPE, folder, report)
+            costs = landscape(of, simulator, of.plane, LANDSCAPE, folder, report)
         with Work(console).piece(f"{task}: gradient field on {simulator}", ARROWS**2, "reading or compiling") as report:
-            fields[simulator] = costs, gradient_field(get_task(task), simulator, ARROWS, folder, report)
+            fields[simulator] = costs, gradient_field(of, simulator, of.plane, ARROWS, folder, report)
     gradients = [next(r for p, r in found.items() if (p.task, p.method) == (task, m)).gradients for m in (MJX, PENALTY)]
     path = out / f"{task}.png"
-    save_figure(draw_agreement(get_task(task), fields, agreement.angles(*gradients)), path)
+    save_figure(draw_agreement(of, fields, agreement.angles(*gradients)), path)
     return path
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from tog_mjx.running import batches
 from tog_mjx.running.batches import CHUNK, map_kept, map_points
-from tog_mjx.running.storage import save_result
+from tog_mjx.running.storage import load_result, save_result
 
 POINTS = np.random.default_rng(0).normal(size=(4 * CHUNK - 3, 2))
 
@@ -35,15 +35,15 @@ def test_a_killed_computation_goes_on_where_it_was(tmp_path, monkeypatch):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        map_kept(row_sum, POINTS, path, {"a": 1}, die)
+        map_kept(row_sum, POINTS, path, die)
     said: list[int] = []
-    found = map_kept(row_sum, POINTS, path, {"a": 1}, said.append)
+    found = map_kept(row_sum, POINTS, path, said.append)
     np.testing.assert_allclose(found, POINTS.sum(1))
     rest = (len(POINTS) - CHUNK) // 3  # The first chunk was on disk; what is left makes three equal ones.
     assert said == [CHUNK + rest, CHUNK + 2 * rest, len(POINTS)]
 
     said.clear()
-    np.testing.assert_array_equal(map_kept(row_sum, POINTS, path, {"a": 1}, said.append), found)
+    np.testing.assert_array_equal(map_kept(row_sum, POINTS, path, said.append), found)
     assert said == []
 
 
@@ -52,20 +52,42 @@ def test_a_killed_computation_goes_on_where_it_was(tmp_path, monkeypatch):
 )
 def test_values_that_cannot_be_its_own_begin_anew(tmp_path, values):
     path = tmp_path / "values.npz"
-    save_result(path, {"values": values}, {"settings": {"a": 1, "points": len(POINTS)}})
-    np.testing.assert_allclose(map_kept(row_sum, POINTS, path, {"a": 1}), POINTS.sum(1))
+    map_kept(row_sum, POINTS, path)
+    save_result(path, {"values": values}, load_result(path)[1])
+    np.testing.assert_allclose(map_kept(row_sum, POINTS, path), POINTS.sum(1))
 
 
-@pytest.mark.parametrize("spoil", ["settings", "damage"])
-def test_other_settings_or_a_damaged_file_begin_anew(tmp_path, spoil):
+def scaled(factor):
+    return lambda points: factor * points.sum(1)
+
+
+@pytest.mark.parametrize("spoil", ["function", "number in it", "points", "damage"])
+def test_another_function_other_points_or_a_damaged_file_begin_anew(tmp_path, spoil):
     path = tmp_path / "values.npz"
-    map_kept(row_sum, POINTS, path, {"a": 1})
+    map_kept(scaled(2), POINTS, path)
+    function = {"function": row_max, "number in it": scaled(3)}.get(spoil, scaled(2))
+    points = POINTS + 1e-12 if spoil == "points" else POINTS
     if spoil == "damage":
         path.write_bytes(path.read_bytes()[:-100])
     said: list[int] = []
-    found = map_kept(row_max, POINTS, path, {"a": 1 if spoil == "damage" else 2}, said.append)
+    np.testing.assert_allclose(map_kept(function, points, path, said.append), function(points), rtol=1e-15, atol=1e-15)
     assert said[-1] == len(POINTS)
-    np.testing.assert_array_equal(found, POINTS.max(1))
+
+
+def test_an_equal_function_is_the_same(tmp_path):
+    said: list[int] = []
+    kept = map_kept(scaled(2), POINTS, tmp_path / "values.npz")
+    again = map_kept(scaled(2), POINTS, tmp_path / "values.npz", said.append)
+    assert not said
+    np.testing.assert_array_equal(again, kept)
+
+
+def test_what_another_compiler_made_begins_anew(tmp_path, monkeypatch):
+    map_kept(row_sum, POINTS, tmp_path / "values.npz")
+    monkeypatch.setattr(batches.jaxlib.version, "__version__", "9.9")
+    said: list[int] = []
+    map_kept(row_sum, POINTS, tmp_path / "values.npz", said.append)
+    assert said[-1] == len(POINTS)
 
 
 def test_a_gpu_takes_many_more_at_a_time(monkeypatch):

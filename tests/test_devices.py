@@ -28,7 +28,7 @@ from tog_mjx.engines import PenaltySimulator
 from tog_mjx.paper.tasks import get_task
 PenaltySimulator.CHUNK = 64
 said = []
-costs = landscape(get_task("flip"), "penalty", 31, Path(folder) / "kept", said.append).costs
+costs = landscape(get_task("flip"), "penalty", get_task("flip").plane, 31, Path(folder) / "kept", said.append).costs
 np.savez(Path(folder) / f"process_{process}.npz", costs=costs, said=said, devices=jax.device_count())
 """
 POINTS = 31**2
@@ -60,7 +60,7 @@ def run(folder, processes: int, devices: int) -> list[dict[str, np.ndarray]]:
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory) -> np.ndarray:
     """The landscape of this process, which has one device."""
-    return landscape(get_task("flip"), "penalty", 31, tmp_path_factory.mktemp("alone")).costs
+    return landscape(get_task("flip"), "penalty", get_task("flip").plane, 31, tmp_path_factory.mktemp("alone")).costs
 
 
 @pytest.mark.parametrize(("processes", "devices"), [(1, 8), (2, 2)])

@@ -14,7 +14,7 @@ from tog_mjx.running.digests import COMPUTES, modules_behind, program_digest
 
 PACKAGE = Path(tog_mjx.__file__).parent
 STUDIES = ("studies.cell", "studies.why", "studies.asymmetry")
-MAKERS = ("paper.comparison", "studies.landscape", "paper.gradient_agreement", *STUDIES, "checks.alone")
+MAKERS = ("paper.comparison", "paper.gradient_agreement", *STUDIES, "checks.alone")
 """Modules that keep results."""
 
 

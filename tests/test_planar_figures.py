@@ -13,7 +13,7 @@ from tog_mjx.drawing.figures.landscapes import LEVELS
 from tog_mjx.paper import gallery
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.solving.descent import Descent, Status
-from tog_mjx.studies.landscape import Landscape, grid
+from tog_mjx.studies.landscape import Landscape
 
 HALF = 0.25
 
@@ -60,7 +60,7 @@ def test_the_goal_costs_nothing(name):
 
 def test_figures_2_and_5_show_costs_guess_and_paths():
     task = get_task("grasp")
-    points = grid(task, 20)
+    points = task.plane.grid(20)
     costs = np.hypot(*points.T).reshape(20, 20)
     costs[3, 4] = np.nan
     path = np.array([[-0.05, 0.25, 0.05, 0.25], [0.1, 0.7, -0.1, 0.7], [0.2, 0.9, -0.2, 0.9]])

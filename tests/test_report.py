@@ -73,7 +73,7 @@ def played(tmp_path_factory):
     """A page of the flip on the penalty simulator, its scenario, and the descent that it shows."""
     out, task = tmp_path_factory.mktemp("report"), get_task("flip")
     found = descent([2.68, 0.5], np.array([[0.0, 0.25], [0.2, 0.6]]))
-    content = scenario(task, "penalty", landscape(task, "penalty", 20, out), {"exact": found})
+    content = scenario(task, "penalty", landscape(task, "penalty", task.plane, 20, out), {"exact": found})
     path, run = out / "report.html", Run("penalty", "flip", "exact", iterations=1)
     sections = [Section("The <tasks>", draw_common([task], out))]
     write_report(path, {run: found}, sections, [content], table_1([task]))

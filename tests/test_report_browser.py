@@ -39,7 +39,7 @@ def content(tmp_path_factory):
         setpoints = np.array([task.initial_guess, task.initial_guess * 1.5])
         setpoints[1, 1] = 2.2  # Outside the landscape.
         descent = Descent(np.array([1.0, 0.5]), setpoints, 0 * setpoints, Status.EXHAUSTED, 0.0, 0.0)
-        costs = landscape(task, "penalty", 20, out / name)
+        costs = landscape(task, "penalty", task.plane, 20, out / name)
         scenarios.append(scenario(task, "penalty", costs, {"exact": descent, "stochastic": descent}))
     tasks = [get_task("flip"), get_task("grasp")]
     write_report(out / "report.html", {}, [Section("The tasks", draw_common(tasks, out))], scenarios, table_1(tasks))

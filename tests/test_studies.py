@@ -19,7 +19,6 @@ from tog_mjx.solving.methods import METHODS
 from tog_mjx.studies import catalogue
 from tog_mjx.studies.catalogue import candidates, chosen
 from tog_mjx.studies.cell import Cell, Found, compute, updates_within
-from tog_mjx.studies.landscape import grid as window_grid
 from tog_mjx.studies.study import Comparison, Store, rows
 
 
@@ -81,7 +80,7 @@ def test_restricted_setpoints_are_mirror_images():
 
 def test_guesses_of_a_window_are_the_points_of_its_landscape():
     task, seeds = get_task("grasp"), (40, 3, 70)
-    points = window_grid(task, 9)[list(seeds)]
+    points = task.plane.grid(9)[list(seeds)]
     for symmetric in (False, True):
         cell = Cell("grasp", "penalty", "exact, plain", 1, seeds, steps=(0.5,), symmetric=symmetric, window=9)
         np.testing.assert_array_equal(compute(cell).first, [task.expand(point) for point in points])

@@ -11,7 +11,6 @@ from tog_mjx.drawing.figures.bands import QUANTILES, draw_bands, quantiles
 from tog_mjx.drawing.figures.basins import draw_basins
 from tog_mjx.engines.objective import objective
 from tog_mjx.paper.tasks import get_task
-from tog_mjx.studies.landscape import grid
 
 COSTS = np.array([[2.0, 1.0, 0.5], [2.0, 3.0, 0.1], [2.0, 2.0, 0.3], [2.0, 0.5, 4.0]])
 
@@ -85,7 +84,7 @@ def test_first_costs_are_the_landscape(basins, name):
     size = math.isqrt(len(runs))
     task, cost = get_task(name), objective(name, "penalty")
     for at in (0, size + 2, len(runs) - 1):
-        assert runs["first"].iloc[at] == pytest.approx(float(cost(task.expand(grid(task, size)[at]))), rel=1e-9)
+        assert runs["first"].iloc[at] == pytest.approx(float(cost(task.expand(task.plane.grid(size)[at]))), rel=1e-9)
 
 
 def test_the_papers_guess_lies_in_the_basin_of_the_flip(basins):

@@ -27,3 +27,4 @@ from tog_mjx.stepping.converged import converged as converged
 from tog_mjx.stepping.converged import solver_error as solver_error
 from tog_mjx.stepping.implicit import step as step
 from tog_mjx.stepping.simulate import simulate as simulate
+from tog_mjx.studies.landscape import landscape as landscape

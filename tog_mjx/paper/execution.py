@@ -56,7 +56,8 @@ def finish_landscape(simulator: str, task: str, size: int, out: Path, console: C
     with Work(console).piece(
         f"{simulator} {task} landscape, {size} x {size}", size**2, "reading or compiling"
     ) as report:
-        return landscape(get_task(task), simulator, size, out / simulator / task, report)
+        of = get_task(task)
+        return landscape(of, simulator, of.plane, size, out / simulator / task, report)
 
 
 def label(run: Run) -> str:

@@ -9,11 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from tog_mjx.paper import released as released  # Which makes it known as an engine.
-from tog_mjx.problems import Problem, State
+from tog_mjx.problems import Plane, Problem, State
 from tog_mjx.problems.library import LIBRARY, get_problem
 from tog_mjx.running.types import Scalar, Setpoints, Vector
 
@@ -30,19 +29,25 @@ class Rule(NamedTuple):
 class Task(Problem):
     """A problem of the paper, with Table I's settings. Compared and hashed by identity.
 
-    `goal` is a pose (x, z, theta) at which J is 0. `window` is the landscape's ((x_min, x_max), (z_min, z_max)) [m];
-    where `mirrored`, its points [2] are setpoints of the first finger, and the second is its mirror image.
+    `goal` is a pose (x, z, theta) at which J is 0, and `budget` the evaluation equivalents of one run of a study.
+    `window` is the landscape's ((x_min, x_max), (z_min, z_max)) [m]; where `mirrored`, its points [2] are setpoints of
+    the first finger, and the second is its mirror image.
     """
 
     goal: tuple[float, float, float]
     exact: Rule
     stochastic: Rule
+    budget: int
     window: tuple[tuple[float, float], tuple[float, float]]
     mirrored: bool = False
 
     @property
-    def name(self) -> str:
-        return self.scene.name
+    def plane(self) -> Plane:
+        """The landscape's, whose coordinates are those of its window."""
+        axes = [[1, 0, -1, 0], [0, 1, 0, 1]] if self.mirrored else np.eye(2)
+        axes = np.tile(axes, self.knots)
+        low, high = np.array(self.window).T
+        return Plane(np.zeros(axes.shape[1]), axes, low, high, ("x (m)", "z (m)"))
 
     @property
     def initial_guess(self) -> np.ndarray:
@@ -51,8 +56,7 @@ class Task(Problem):
 
     def expand(self, point: Vector) -> Setpoints:
         """The setpoints [K * 2F] of a point of the window."""
-        both = jnp.array([point[0], point[1], -point[0], point[1]]) if self.mirrored else jnp.asarray(point)
-        return jnp.tile(both, self.knots) if self.knots > 1 else both
+        return self.plane.x(point)
 
 
 def flip_cost(last: State) -> Scalar:
@@ -78,6 +82,7 @@ def flip() -> Task:
         goal=(0.0, 0.25, 0.0),
         exact=Rule(step_size=0.1, iterations=5),
         stochastic=Rule(step_size=0.1, iterations=10, sigma=0.5),
+        budget=100,
         window=((-0.5, 0.5), (0.0, 1.0)),
     )
 
@@ -93,6 +98,7 @@ def grasp() -> Task:
         goal=(0.0, 1.0, 0.0),
         exact=Rule(step_size=0.5, iterations=100),
         stochastic=Rule(step_size=0.5, iterations=1000, sigma=0.1),
+        budget=1000,
         window=((-1.0, 1.0), (0.0, 2.0)),
         mirrored=True,
     )

@@ -1,5 +1,6 @@
 """A problem: a model, a start or many, variables and a cost; any engine moves it, see `tog_mjx.problems.problem`."""
 
+from tog_mjx.problems.planes import Plane as Plane
 from tog_mjx.problems.policy import Policy as Policy
 from tog_mjx.problems.problem import Problem as Problem
 from tog_mjx.problems.starts import Starts as Starts

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 from tog_mjx.mjcf.followers import Origin, compiled
 from tog_mjx.mjcf.keyframes import keyframe_start
 from tog_mjx.mjcf.scene import Scene, compile_model, scene_path
+from tog_mjx.problems.planes import Plane
 from tog_mjx.problems.starts import Starts
 from tog_mjx.problems.state import State
 from tog_mjx.problems.variables import Bound, Controls, Setting, Several, Variables
@@ -110,6 +111,11 @@ class Problem:
         path = scene_path(self.model)
         return Scene(path.stem, compile_model(path))
 
+    @property
+    def name(self) -> str:
+        """The scene's."""
+        return self.scene.name
+
     @functools.cached_property
     def origin(self) -> mujoco.MjData:
         """Where it starts, or around which it does. Treat it as read-only."""
@@ -149,6 +155,11 @@ class Problem:
         if not (low <= high).all():
             raise InputError(f"the least {self.bound.names[int((low > high).argmax())]} is above the largest")
         return low, high
+
+    @property
+    def plane(self) -> Plane:
+        """What a landscape shows unless told otherwise: the first two variables, through the guess."""
+        return Plane.of(self)
 
     def check(self, x: Numbers) -> Float[Array, " n"]:
         """x as numbers [n]; raises InputError where they are none."""

@@ -1,7 +1,7 @@
 """A function of many points: compiled once for chunks of one size, on all devices, and kept on disk as it goes."""
 
 import contextlib
-import json
+import hashlib
 import operator
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import jaxlib.version
 import numpy as np
 from jaxtyping import Float
 
@@ -51,17 +52,16 @@ def map_kept(
     function: Callable,
     points: Float[np.ndarray, "N n"],
     path: Path,
-    settings: Mapping[str, Any],
     report: Callable[[int], None] = lambda _: None,
     chunk: int = CHUNK,
 ) -> np.ndarray:
     """As `map_points`, for a function whose value is one array; the values [N, ...] are kept in a file.
 
-    A file made with the same settings is read, and completed where it was left. Settings are whatever the values depend
-    on; others, or a damaged file, begin anew.
+    A file of the same function and points is read, and completed where it was left. Others, or a damaged file, begin
+    anew.
     """
-    settings = json.loads(json.dumps({**settings, "points": len(points)}))
-    value = jax.eval_shape(function, jnp.asarray(points[:1]))
+    lowered = jax.jit(function).trace(jnp.asarray(points[:1])).lower(lowering_platforms=("cpu",))
+    value, settings = lowered.out_info, {"points": len(points), "digest": _digest(lowered.as_text(), points)}
     kept = agree(
         _read(path, settings, len(points), value.shape[1:]) if is_first_process() else None,
         value.shape[1:],
@@ -93,6 +93,12 @@ def chunk_size(number: int, chunk: int) -> int:
     most = chunk * devices * (1 if jax.default_backend() == "cpu" else ON_GPU)
     chunks = -(-number // most)
     return devices * -(-number // (chunks * devices))
+
+
+def _digest(program: str, points: np.ndarray) -> str:
+    """SHA-256 of all that the values depend on: the function as what JAX makes of it, on whatever device it will run,
+    its points, and the compiler."""
+    return hashlib.sha256(points.tobytes() + f"{program}{jaxlib.version.__version__}".encode()).hexdigest()
 
 
 def _read(path: Path, settings: Mapping[str, Any], points: int, shape: tuple[int, ...]) -> np.ndarray | None:

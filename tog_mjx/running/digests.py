@@ -20,6 +20,7 @@ DRAWS = ("tog_mjx.drawing", "tog_mjx.running.console")
 """Parts of this package without influence on a result."""
 COMPUTES = {
     "jax": ("jax", "jaxlib"),
+    "jaxlib": ("jaxlib",),
     "mujoco": ("mujoco", "mujoco-mjx"),
     "numpy": ("numpy",),
     "optax": ("optax",),

@@ -15,21 +15,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.engines import SIMULATORS, gradient_charge, make_simulator, precision
-from tog_mjx.engines.objective import final_cost
+from tog_mjx.engines import SIMULATORS, gradient_charge, objective, precision
 from tog_mjx.gradients import Objective
-from tog_mjx.paper.tasks import Task, get_task
+from tog_mjx.problems import Problem
+from tog_mjx.problems.library import get_problem
 from tog_mjx.running.batches import map_points
 from tog_mjx.running.devices import over_devices
 from tog_mjx.running.digests import made_with
 from tog_mjx.running.types import Scalar
 from tog_mjx.solving.methods import METHODS, Settings
-from tog_mjx.studies.landscape import grid
-
-SUCCESS = {"flip": 0.1, "grasp": 0.2}
-"""J that counts as success."""
-BUDGET = {"flip": 100, "grasp": 1000}
-"""Evaluation equivalents of one run."""
 
 PIECE = 20
 """Updates between two reports, at most."""
@@ -75,7 +69,7 @@ class Cell:
     def charge(self) -> float:
         """Evaluation equivalents of one update."""
         draws = _DRAWS if self.error else 1
-        variables = len(_variables(self, get_task(self.task, knots=self.knots).initial_guess))
+        variables = len(_variables(self, get_problem(self.task, knots=self.knots).x0))
         method = METHODS[self.method]
         return float(draws * method.charge(variables, gradient_charge(self.simulator, method.differentiation)))
 
@@ -83,13 +77,13 @@ class Cell:
     def shapes(self) -> dict[str, tuple[int | None, ...]]:
         """Of what is found, by name."""
         members = len(self.members)
-        points = (members, get_task(self.task, knots=self.knots).initial_guess.size)
+        points = (members, get_problem(self.task, knots=self.knots).x0.size)
         iterates = dict.fromkeys(("first", "best", "last"), points)
         return {"costs": (members, self.updates), **iterates, "tried": (members, len(self.tested), _TRIES)}
 
     def settings(self) -> dict[str, Any]:
         """All that the result depends on."""
-        return {**dataclasses.asdict(self), **made_with(get_task(self.task).scene.model, __name__)}
+        return {**dataclasses.asdict(self), **made_with(get_problem(self.task).scene.model, __name__)}
 
 
 def updates_within(budget: int | float, cell: Cell) -> Cell:
@@ -114,7 +108,7 @@ _DRAWS, _TRIES = 8, 256
 def compute(cell: Cell, report: Callable[[int], None] = lambda _: None) -> Found:
     """Runs all members. `report` is called with the number of updates made."""
     with precision(cell.simulator, **dict(cell.options)):
-        task = get_task(cell.task, knots=cell.knots)
+        task = get_problem(cell.task, knots=cell.knots)
         objective, expand = _objective(cell, task)
         pieces = []
         for piece in _pieces(cell, objective, _guesses(cell, task)):
@@ -127,9 +121,9 @@ def compute(cell: Cell, report: Callable[[int], None] = lambda _: None) -> Found
         return Found(costs, setpoints[0], setpoints[1], setpoints[2], _try(cell, task, setpoints[1]))
 
 
-def _try(cell: Cell, task: Task, setpoints: np.ndarray) -> np.ndarray:
+def _try(cell: Cell, task: Problem, setpoints: np.ndarray) -> np.ndarray:
     """J [members, tested, 256] under setpoint errors that are the same for all."""
-    cost = functools.partial(final_cost, task, make_simulator(cell.simulator, task.scene, **dict(cell.options)))
+    cost = objective(task, cell.simulator, **dict(cell.options))
     normal = np.random.default_rng(1).normal(size=(_TRIES, setpoints.shape[1]))
     errors = np.array(cell.tested)[:, None, None] * normal
     points = setpoints[:, None, None] + errors
@@ -175,20 +169,20 @@ def _variables(cell: Cell, setpoints: np.ndarray) -> np.ndarray:
     return setpoints.reshape(cell.knots, -1, 2)[:, 0].ravel() if cell.symmetric else setpoints
 
 
-def _guesses(cell: Cell, task: Task) -> np.ndarray:
+def _guesses(cell: Cell, task: Problem) -> np.ndarray:
     """The decision variables [members, n] to which noise is added: those of the paper's guess, or of the window."""
     if not cell.window:
-        return np.tile(_variables(cell, task.initial_guess), (len(cell.members), 1))
-    points = grid(task, cell.window)[[member.seed for member in cell.members]]
-    return np.stack([_variables(cell, setpoints) for setpoints in np.asarray(jax.vmap(task.expand)(points))])
+        return np.tile(_variables(cell, task.x0), (len(cell.members), 1))
+    points = task.plane.grid(cell.window)[[member.seed for member in cell.members]]
+    return np.stack([_variables(cell, setpoints) for setpoints in np.asarray(task.plane.x(points))])
 
 
-def _objective(cell: Cell, task: Task) -> tuple[Objective, Callable[[Float[Array, " n"]], Array]]:
+def _objective(cell: Cell, task: Problem) -> tuple[Objective, Callable[[Float[Array, " n"]], Array]]:
     """J of the decision variables, and the setpoints that they stand for."""
     options, differentiation = dict(cell.options), METHODS[cell.method].differentiation
     if differentiation:
         options["differentiation"] = differentiation
-    simulator = make_simulator(cell.simulator, task.scene, **options)
+    J = objective(task, cell.simulator, **options)
 
     def expand(v: Float[Array, " n"]) -> Float[Array, " m"]:
         if not cell.symmetric:
@@ -199,8 +193,8 @@ def _objective(cell: Cell, task: Task) -> tuple[Objective, Callable[[Float[Array
     def cost(v: Float[Array, " n"]) -> Scalar:
         u = expand(v)
         if not cell.error:
-            return final_cost(task, simulator, u)
+            return J(u)
         errors = cell.error * jax.random.normal(jax.random.key(0), (_DRAWS, u.size), u.dtype)
-        return jax.vmap(lambda error: final_cost(task, simulator, u + error))(errors).mean()
+        return jax.vmap(lambda error: J(u + error))(errors).mean()
 
     return cost, expand

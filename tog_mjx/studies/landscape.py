@@ -1,6 +1,6 @@
-"""The cost and its gradient over a task's window: J at the setpoints that the window's points expand to.
+"""The cost and its gradient over a plane of a problem's variables.
 
-Points are in the window's coordinates (x, z) in m, and run along x first.
+Of a problem with many starts J is the mean over those of one key.
 """
 
 from collections.abc import Callable
@@ -8,85 +8,97 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from tog_mjx.engines import SIMULATORS, make_simulator, precision
-from tog_mjx.engines.objective import final_cost
+from tog_mjx.engines import SIMULATORS, objective, precision
 from tog_mjx.gradients import exact_batch
-from tog_mjx.paper.tasks import Task
-from tog_mjx.running.batches import map_kept
-from tog_mjx.running.digests import program_digest, scene_digest
-from tog_mjx.running.types import Scalar, Vector
+from tog_mjx.problems import Plane, Problem, Starts
+from tog_mjx.running.batches import map_kept, map_points
+from tog_mjx.running.types import Scalar
 
 
 class Landscape(NamedTuple):
-    """Costs [size, size] over `points` [size * size, 2]; row i has the i-th z, column j the j-th x."""
+    """Costs [size, size] over `points` [size * size, 2] of a plane: row i has its i-th second coordinate."""
 
     points: np.ndarray
     costs: np.ndarray
 
 
 class GradientField(NamedTuple):
-    """Gradients of J [N, 2] at `points` [N, 2]."""
+    """Gradients of J [N, 2] along the axes of a plane, at its `points` [N, 2]."""
 
     points: np.ndarray
     gradients: np.ndarray
 
 
 def landscape(
-    task: Task, simulator: str, size: int, folder: Path, report: Callable[[int], None] = lambda _: None
+    problem: Problem,
+    engine: str = "mjx",
+    plane: Plane | None = None,
+    size: int = 40,
+    folder: Path | None = None,
+    report: Callable[[int], None] = lambda _: None,
+    **options: str,
 ) -> Landscape:
-    """`size` x `size` points, the window's edges included. Kept in `folder`; a killed one is continued.
+    """J at `size` x `size` points of a plane, its edges included, in the precision of the engine.
 
-    `report` is called with the number of points done.
+    Args:
+      engine, options: as in `tog.objective`.
+      plane: by default `problem.plane`, that of the first two variables through the guess.
+      folder: where the costs are kept; what was killed goes on there.
+      report: called with the number of points done.
+
+    Raises:
+      InputError: as `tog.objective` and `Plane.of`.
     """
-    points = grid(task, size)
-    with precision(simulator):
-        cost = jax.vmap(_cost(task, simulator))
-        path = folder / f"landscape_{size}.npz"
-        settings = _settings(task, simulator, "costs")
-        costs = map_kept(cost, points, path, settings, report, SIMULATORS[simulator].CHUNK)
-    return Landscape(points, costs.reshape(size, size))
+    plane = plane or problem.plane
+    costs = _over(problem, engine, plane, plane.grid(size), jax.vmap, folder, f"landscape_{size}", report, options)
+    return Landscape(plane.grid(size), costs.reshape(size, size))
 
 
 def gradient_field(
-    task: Task, simulator: str, size: int, folder: Path, report: Callable[[int], None] = lambda _: None
+    problem: Problem,
+    engine: str = "mjx",
+    plane: Plane | None = None,
+    size: int = 12,
+    folder: Path | None = None,
+    report: Callable[[int], None] = lambda _: None,
+    **options: str,
 ) -> GradientField:
-    """At the centres of `size` x `size` cells of the window. Kept in `folder`; a killed one is continued."""
-    points = grid(task, size, centred=True)
-    with precision(simulator):
-        gradient = exact_batch(_cost(task, simulator))
-        path = folder / f"gradient_field_{size}.npz"
-        settings = _settings(task, simulator, "gradients")
-        gradients = map_kept(
-            lambda batch: gradient(batch)[1], points, path, settings, report, SIMULATORS[simulator].CHUNK
-        )
-    return GradientField(points, gradients)
+    """The gradient at the centres of `size` x `size` cells of a plane. Else as `landscape`."""
+    plane = plane or problem.plane
+    points = plane.grid(size, centred=True)
+    name = f"gradient_field_{size}"
+    return GradientField(points, _over(problem, engine, plane, points, _slopes, folder, name, report, options))
 
 
-def grid(task: Task, size: int, centred: bool = False) -> Float[np.ndarray, "N 2"]:
-    """`size` x `size` points of the window, its edges included, or the centres of as many cells."""
-    fractions = (np.arange(size) + 0.5) / size if centred else np.linspace(0, 1, size)
-    x, z = (low + (high - low) * fractions for low, high in task.window)
-    return np.stack(np.meshgrid(x, z), axis=-1).reshape(-1, 2)
+def _slopes(function: Callable) -> Callable[[Any], Any]:
+    both = exact_batch(function)
+    return lambda points: both(points)[1]
 
 
-def _cost(task: Task, simulator: str) -> Callable[[Vector], Scalar]:
-    """J of a point of the window."""
-    engine = make_simulator(simulator, task.scene)
-    return lambda point: final_cost(task, engine, jnp.asarray(task.expand(point)))
+def _over(
+    problem: Problem,
+    engine: str,
+    plane: Plane,
+    points: Float[np.ndarray, "N 2"],
+    batched: Callable[[Callable], Callable],
+    folder: Path | None,
+    name: str,
+    report: Callable[[int], None],
+    options: dict[str, str],
+) -> np.ndarray:
+    """What `batched` makes of J, at all points."""
+    motions = problem.start.count if isinstance(problem.start, Starts) else 1
+    chunk = max(1, SIMULATORS[engine].CHUNK // motions)
+    with precision(engine, **options):
+        J = objective(problem, engine, **options)
 
+        def cost(p: Float[Array, "2"]) -> Scalar:
+            return J(plane.x(p))
 
-def _settings(task: Task, simulator: str, what: str) -> dict[str, Any]:
-    """All that the values depend on, but the number of points."""
-    return {
-        "what": what,
-        "simulator": simulator,
-        "task": task.name,
-        "window": task.window,
-        "steps": task.steps,
-        "scene": scene_digest(task.scene.model),
-        "program": program_digest(__name__),
-    }
+        function = batched(cost)
+        if folder is None:
+            return map_points(function, points, report, chunk)
+        return map_kept(function, points, folder / f"{name}.npz", report, chunk)

@@ -20,7 +20,8 @@ from scipy.stats import binomtest
 
 from tog_mjx.drawing.figures.bands import draw_bands
 from tog_mjx.running.storage import DamagedFileError, load_result, of_shapes, save_result
-from tog_mjx.studies.cell import SUCCESS, Cell, Found, compute
+from tog_mjx.problems.library import LIBRARY, get_problem
+from tog_mjx.studies.cell import Cell, Found, compute
 
 
 class Store:
@@ -148,7 +149,7 @@ class TracedComparison(Comparison):
         cells = self.stages[-1](quick, table[table.stage < table.stage.max()])
         from_the_papers = [cell for cell in cells if cell.noises == (0.0,) and not cell.window]
         costs = {(cell.task, cell.simulator, cell.method): store.finish(cell).costs for cell in from_the_papers}
-        return draw_bands(costs, SUCCESS)
+        return draw_bands(costs, {name: float(make().success) for name, make in LIBRARY.items()})
 
 
 def _outcome(members: pd.DataFrame) -> dict[str, Any]:
@@ -172,7 +173,7 @@ def _outcome(members: pd.DataFrame) -> dict[str, Any]:
 def rows(cell: Cell, found: Found, stage: int) -> pd.DataFrame:
     """One row a member: its settings, its costs, and what it took. Each of the simulator's options is a column."""
     costs = np.where(np.isfinite(found.costs), found.costs, np.inf)
-    good = costs <= SUCCESS[cell.task]
+    good = costs <= get_problem(cell.task).success
     evaluations = np.where(good.any(axis=1), (good.argmax(axis=1) + 1) * cell.charge, np.nan)
     table = pd.DataFrame(cell.members)
     for name in ("task", "simulator", "method", "knots", "symmetric", "error", "window"):

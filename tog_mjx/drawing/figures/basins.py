@@ -44,7 +44,7 @@ def draw_basins(table: pd.DataFrame) -> Figure:
 
 
 def _square(values: pd.Series) -> np.ndarray:
-    """In the order of `landscape.grid`: row i has the i-th z."""
+    """In the order of `Plane.grid`: row i has the i-th z."""
     size = math.isqrt(len(values))
     return values.to_numpy().reshape(size, size)
 

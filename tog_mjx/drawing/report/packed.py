@@ -19,7 +19,7 @@ from tog_mjx.drawing.figures.landscapes import LEVELS
 from tog_mjx.engines.many import Motions, simulate_many
 from tog_mjx.paper.tasks import Task
 from tog_mjx.solving.descent import Descent
-from tog_mjx.studies.landscape import Landscape, grid
+from tog_mjx.studies.landscape import Landscape
 
 QUANTUM = 2.5e-4
 """In m and rad. A body is shown where it is to a quarter of a millimetre."""
@@ -37,7 +37,7 @@ def scenario(
     report: Callable[[int], None] = lambda _: None,
 ) -> dict[str, Any]:
     """All that the page needs to show a task on a simulator, as JSON: see `page.js` for its use."""
-    points = grid(task, GRID)
+    points = task.plane.grid(GRID)
     chosen = {method: thinned(len(descent.costs)) for method, descent in descents.items()}
     setpoints = [np.array([task.expand(point) for point in points])]
     setpoints += [descents[method].setpoints[kept] for method, kept in chosen.items()]
