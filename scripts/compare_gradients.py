@@ -18,9 +18,9 @@ from rich.table import Table
 
 from tog_mjx.drawing.figures import draw_agreement
 from tog_mjx.drawing.figures.style import save_figure
-from tog_mjx.paper import friction_law
 from tog_mjx.paper import gradient_agreement as agreement
 from tog_mjx.paper.gradient_agreement import METHODS, MJX, PENALTY, REFERENCE, Agreement, Gradients, Piece
+from tog_mjx.paper.questions import friction_law
 from tog_mjx.paper.tasks import TASKS, get_task
 from tog_mjx.paper.terms import TERMS
 from tog_mjx.running.console import SEEDS, ArgumentParser, Work, run_main, within

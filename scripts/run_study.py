@@ -20,9 +20,9 @@ from rich.console import Console
 from rich.table import Table
 
 from tog_mjx.drawing.figures.style import save_figure
+from tog_mjx.paper.questions.catalogue import STUDIES
 from tog_mjx.running.console import ArgumentParser, Work, run_main
 from tog_mjx.running.storage import atomic_write, check_writable
-from tog_mjx.studies.catalogue import STUDIES
 from tog_mjx.studies.study import Drawn, Store
 
 

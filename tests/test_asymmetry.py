@@ -6,8 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tog_mjx.solving.methods import traces
-from tog_mjx.studies.asymmetry import (
+from tog_mjx.paper.questions.asymmetry import (
     ANTISYMMETRIC,
     LISTED,
     Asymmetry,
@@ -16,6 +15,7 @@ from tog_mjx.studies.asymmetry import (
     predicted_growth,
     worst_factor,
 )
+from tog_mjx.solving.methods import traces
 from tog_mjx.studies.study import Store
 
 # Symmetric under the exchange of the fingers; along the antisymmetric rows its Hessian is diag(1, 9) + 2.

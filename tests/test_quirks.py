@@ -13,9 +13,9 @@ import pytest
 
 from tog_mjx.engines import make_simulator, precision
 from tog_mjx.paper.published import published
+from tog_mjx.paper.questions.catalogue import STUDIES
 from tog_mjx.paper.released import MENDED, ReleasedSimulator, ReleasedState
 from tog_mjx.paper.tasks import get_task
-from tog_mjx.studies.catalogue import STUDIES
 from tog_mjx.studies.study import Store
 
 PHYSICS = get_task("grasp").scene.physics

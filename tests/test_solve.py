@@ -7,7 +7,7 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx.solving.solve import step_size
-from tog_mjx.studies.cell import SUCCESS, Cell, compute
+from tog_mjx.studies.cell import Cell, compute
 
 
 @pytest.mark.parametrize(("name", "budget", "successes"), [("flip", 100, 100), ("grasp", 1000, 95)])
@@ -16,7 +16,7 @@ def test_a_guess_3_cm_off_succeeds_within_the_budget(name, budget, successes):
     step = step_size(tog.get_task(name), updates)
     found = compute(Cell(name, "penalty", "solve", updates, tuple(range(100)), (0.03,), (step,)))
     assert len(found.costs) == 100
-    assert (found.costs.min(axis=1) <= SUCCESS[name]).sum() >= successes
+    assert (found.costs.min(axis=1) <= tog.get_task(name).success).sum() >= successes
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,7 @@ def test_it_is_the_method_of_the_studies(differentiation, method, updates):
     found = compute(Cell("flip", "penalty", method, updates, steps=(step_size(tog.get_task("flip"), updates),)))
     np.testing.assert_allclose(descent.costs, found.costs[0], rtol=1e-9)
     np.testing.assert_allclose(descent.setpoints_best, found.best[0], rtol=1e-9)
-    assert descent.costs.min() < SUCCESS["flip"]
+    assert descent.costs.min() < tog.get_task("flip").success
 
 
 def test_the_gradient_is_the_one_asked_for():

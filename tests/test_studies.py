@@ -13,11 +13,11 @@ from tog_mjx.drawing.figures.profiles import draw_profiles
 from tog_mjx.engines.objective import objective
 from tog_mjx.paper.comparison import Run
 from tog_mjx.paper.comparison import compute as compute_run
+from tog_mjx.paper.questions import catalogue
+from tog_mjx.paper.questions.catalogue import candidates, chosen
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.storage import load_result, save_result
 from tog_mjx.solving.methods import METHODS
-from tog_mjx.studies import catalogue
-from tog_mjx.studies.catalogue import candidates, chosen
 from tog_mjx.studies.cell import Cell, Found, compute, updates_within
 from tog_mjx.studies.study import Comparison, Store, rows
 

@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 
 from tog_mjx.engines.objective import objective
+from tog_mjx.paper.questions import catalogue
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.solving.methods import METHODS
-from tog_mjx.studies import catalogue
-from tog_mjx.studies.cell import BUDGET, Cell, compute
+from tog_mjx.studies.cell import Cell, compute
 
 
 def test_a_method_with_the_jumps_follows_their_gradient():
@@ -48,5 +48,5 @@ def test_twins_differ_in_their_gradient_alone():
         for one, other in zip(exact, saltation, strict=True):
             assert dataclasses.replace(one, method="", updates=0) == dataclasses.replace(other, method="", updates=0)
             spent = one.updates * one.charge, other.updates * other.charge
-            given = BUDGET[one.task] * (8 if one.error else 1)  # The average of eight draws.
+            given = get_task(one.task).budget * (8 if one.error else 1)  # The average of eight draws.
             assert one.updates == other.updates or max(spent) <= given < min(spent) + other.charge

@@ -11,9 +11,9 @@ from scipy.stats import spearmanr
 
 from tog_mjx.gradients import local
 from tog_mjx.paper.comparison import Run, compute
+from tog_mjx.paper.questions.why import Why, measure
 from tog_mjx.studies.predictors import RESAMPLES, STATISTICS, choose, most_predictive, rank_correlations
 from tog_mjx.studies.study import Drawn, Store
-from tog_mjx.studies.why import Why, measure
 
 SLOPE = np.array([3.0, -4.0, 1.0])
 

@@ -16,11 +16,12 @@ import pandas as pd
 
 from tog_mjx.engines import SIMULATORS, precision
 from tog_mjx.engines.objective import objective
+from tog_mjx.paper.questions.catalogue import candidates, chosen
+from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.batches import map_points
 from tog_mjx.running.console import run_main
 from tog_mjx.running.errors import InputError
-from tog_mjx.studies.catalogue import candidates, chosen
-from tog_mjx.studies.cell import BUDGET, Cell, Found, compute, updates_within
+from tog_mjx.studies.cell import Cell, Found, compute, updates_within
 from tog_mjx.studies.study import Comparison, rows
 
 SEEDS, TUNED_ON = range(100), range(1000, 1008)
@@ -39,7 +40,7 @@ def main() -> None:
 
 def cell(seeds: range, sigmas: tuple[float, ...]) -> Cell:
     one = Cell("grasp", "penalty", "CMA-ES", 1, tuple(seeds), (0.03,), (0.0,), sigmas)
-    return updates_within(BUDGET["grasp"], one)
+    return updates_within(get_task("grasp").budget, one)
 
 
 def with_cma(cell: Cell) -> Found:

@@ -157,7 +157,7 @@ def _program(problem: Problem, engine: str, options: tuple, checkpoint: int | No
 
 
 def objective(
-    problem: str | Problem, engine: str = "mjx", *, checkpoint: int | None = None, simulator: str = "", **options: Any
+    problem: str | Problem, engine: str = "mjx", *, checkpoint: Any = None, simulator: str = "", **options: Any
 ) -> Objective:
     """J(x) of a problem, a JAX function of its variables x [n]. Equal calls share one compiled function.
 

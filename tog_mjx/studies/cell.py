@@ -5,7 +5,6 @@ and random numbers, whatever the method.
 """
 
 import dataclasses
-import functools
 import itertools
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple

@@ -19,8 +19,8 @@ from matplotlib.figure import Figure
 from scipy.stats import binomtest
 
 from tog_mjx.drawing.figures.bands import draw_bands
-from tog_mjx.running.storage import DamagedFileError, load_result, of_shapes, save_result
 from tog_mjx.problems.library import LIBRARY, get_problem
+from tog_mjx.running.storage import DamagedFileError, load_result, of_shapes, save_result
 from tog_mjx.studies.cell import Cell, Found, compute
 
 
@@ -149,7 +149,7 @@ class TracedComparison(Comparison):
         cells = self.stages[-1](quick, table[table.stage < table.stage.max()])
         from_the_papers = [cell for cell in cells if cell.noises == (0.0,) and not cell.window]
         costs = {(cell.task, cell.simulator, cell.method): store.finish(cell).costs for cell in from_the_papers}
-        return draw_bands(costs, {name: float(make().success) for name, make in LIBRARY.items()})
+        return draw_bands(costs, {name: float(make().success or 0) for name, make in LIBRARY.items()})
 
 
 def _outcome(members: pd.DataFrame) -> dict[str, Any]:

@@ -28,7 +28,6 @@ from tog_mjx.running.batches import map_points
 from tog_mjx.running.digests import made_with
 from tog_mjx.solving.methods import traces
 from tog_mjx.solving.solve import step_size
-from tog_mjx.studies.cell import BUDGET
 from tog_mjx.studies.predictors import STATISTICS, choose, judge, most_predictive, rank_correlations, values_of
 from tog_mjx.studies.study import Store
 
@@ -141,7 +140,7 @@ def _gains(gains: Float[np.ndarray, " N"]) -> dict[str, Any]:
 
 def descents(name: str, guesses: int) -> dict[str, np.ndarray]:
     """The iterates [guesses, N, n] of Table I's two rules and of `solve`."""
-    task, updates = get_task(name), int(BUDGET[name] / SIMULATORS["penalty"].GRADIENT_CHARGE)
+    task, updates = get_task(name), int(get_task(name).budget / SIMULATORS["penalty"].GRADIENT_CHARGE)
     off = NOISE * np.random.default_rng(0).normal(size=(guesses, task.initial_guess.size))
     off[0] = 0
     rules = {

@@ -11,14 +11,14 @@ import pandas as pd
 from tog_mjx.drawing.figures.basins import draw_basins
 from tog_mjx.drawing.figures.profiles import draw_profiles
 from tog_mjx.engines import SIMULATORS, gradient_charge
-from tog_mjx.paper.quirks import released_quirks
+from tog_mjx.paper.questions.asymmetry import Asymmetry
+from tog_mjx.paper.questions.quirks import released_quirks
+from tog_mjx.paper.questions.why import Why
 from tog_mjx.paper.tasks import TASKS, get_task
 from tog_mjx.solving.methods import METHODS, RULES
 from tog_mjx.solving.solve import step_size
-from tog_mjx.studies.asymmetry import Asymmetry
-from tog_mjx.studies.cell import BUDGET, Cell, updates_within
+from tog_mjx.studies.cell import Cell, updates_within
 from tog_mjx.studies.study import Comparison, DrawnComparison, Study, TracedComparison
-from tog_mjx.studies.why import Why
 
 ON_MJX = ("exact, plain", "exact, adam", "stochastic, plain", "zeroth order, adam", "CMA-ES", "solve")
 """The methods compared on MJX too, which simulates a hundredth of what `penalty` does in the same time."""
@@ -50,7 +50,7 @@ def candidates(name: str, method: str) -> Grid:
         steps = (0.1, 0.5, 2.0, 10.0, 50.0, 200.0)
     if "solve" in (estimator, rule):
         charge = gradient_charge("penalty", METHODS[method].differentiation)
-        steps = (step_size(get_task(name), int(BUDGET[name] / charge)),)
+        steps = (step_size(get_task(name), int(get_task(name).budget / charge)),)
     needs_no_sigma = estimator in ("exact", "saltation", "differences", "solve")
     return Grid(steps, (0.0,) if needs_no_sigma else (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0))
 
@@ -66,7 +66,7 @@ def chosen(known: pd.DataFrame, name: str, method: str) -> Grid:
 def _cell(name: str, method: str, members: Iterable[int], grid: Grid, simulator: str = "penalty", **more: Any) -> Cell:
     """A cell within the task's budget, from guesses 3 cm off unless told otherwise."""
     cell = Cell(name, simulator, method, 1, seeds=tuple(members), steps=grid.steps, sigmas=grid.sigmas)
-    return updates_within(BUDGET[name], dataclasses.replace(cell, **{"noises": (0.03,), **more}))
+    return updates_within(get_task(name).budget, dataclasses.replace(cell, **{"noises": (0.03,), **more}))
 
 
 def _tuned(known: pd.DataFrame) -> list[tuple[str, str]]:

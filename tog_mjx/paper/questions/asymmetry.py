@@ -24,7 +24,6 @@ from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.digests import made_with
 from tog_mjx.solving.methods import traces
 from tog_mjx.solving.solve import step_size
-from tog_mjx.studies.cell import BUDGET
 from tog_mjx.studies.study import Store
 
 ANTISYMMETRIC = np.array([[1.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, -1.0]]) / np.sqrt(2)
@@ -93,7 +92,7 @@ class Asymmetry:
         task, charge = get_task("grasp"), SIMULATORS["penalty"].GRADIENT_CHARGE
         along = {"none": np.zeros(4), "x": ANTISYMMETRIC[0], "z": ANTISYMMETRIC[1]}
         guesses = task.initial_guess + np.array([size * along[name] for size, name in members])
-        updates = int(BUDGET["grasp"] / charge) - 1
+        updates = int(get_task("grasp").budget / charge) - 1
         rules = {"plain": ("exact, plain", task.exact.step_size, UPDATES)}
         rules["solve"] = ("solve", step_size(task, updates + 1), updates)
         settings = {"guesses": guesses.tolist(), "rules": rules, **made_with(task.scene.model, __name__)}

@@ -1,0 +1,1 @@
+"""Questions about the two tasks: studies by name, and what they ask."""
