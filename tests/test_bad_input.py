@@ -107,7 +107,7 @@ def test_steps_that_cannot_be_made(step, given, message):
         (lambda: tog.simulate(model, data, jnp.zeros(1), 3, checkpoint=1.5), "checkpoint is 1.5"),
         (lambda: tog.simulate(model, data, jnp.zeros(1), 3, observe=3), "observe is of type int"),
         (lambda: tog.solve("flip", budget="large"), "budget is of type str"),
-        (lambda: tog.objective("flip", "penalty")([1e300, 1.0]), r"setpoints \[1e\+300, 1.0\] are too far away"),
+        (lambda: tog.objective("flip", "penalty")([1e300, 1.0]), r"x = \[1e\+300, 1.0\] is too far away"),
         (lambda: tog.load_scene(3), "the scene is of type int"),
         (lambda: tog.load_scene("grap"), "did you mean grasp?"),
         (lambda: tog.get_task("flipp"), "did you mean flip?"),

@@ -88,12 +88,12 @@ class OnPlane(Engine):
 
     def step(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> tuple[tuple[Any, Array], State]:
         planar, time = carry
-        after = self.simulator.step(planar, ctrl[self.scene.actuators])
+        after = self.simulator.step(planar, ctrl[jnp.asarray(self.scene.actuators)])
         return (after, time + self.scene.model.opt.timestep), self.state(model, carry, ctrl)
 
     def state(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> State:
         planar, time = carry
-        joints, (q, v) = self.scene.joints, self.scene.of_joints(*self.simulator.observe(planar))
+        joints, (q, v) = jnp.asarray(self.scene.joints), self.scene.of_joints(*self.simulator.observe(planar))
         qpos, qvel = self.origin.qpos.at[joints].set(q), self.origin.qvel.at[joints].set(v)
         now = self.origin.replace(time=time, qpos=qpos, qvel=qvel, ctrl=ctrl)
         poses = lambda: mjx.kinematics(model, now)  # noqa: E731

@@ -59,8 +59,9 @@ class Scene:
     def planar(self, qpos: AnyArray, qvel: AnyArray) -> tuple[AnyArray, AnyArray]:
         """Of positions [..., nq] and velocities: box (x, z, theta, vx, vz, omega) [..., 6], fingers (x, z, vx, vz)
         [..., F, 4]."""
-        q, v = qpos[..., self.joints], qvel[..., self.joints]
-        xp = jnp if isinstance(q, jax.Array) else np
+        xp = jnp if isinstance(qpos, jax.Array) else np
+        joints = xp.asarray(self.joints)  # JAX keeps what it makes of an index in NumPy, whatever the x64 flag is then.
+        q, v = qpos[..., joints], qvel[..., joints]
         fingers = [some[..., 3:].reshape(*some.shape[:-1], -1, 2) for some in (q, v)]
         return xp.concatenate([q[..., :3], v[..., :3]], axis=-1), xp.concatenate(fingers, axis=-1)
 

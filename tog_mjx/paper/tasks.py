@@ -44,8 +44,7 @@ class Task(Problem):
     @property
     def plane(self) -> Plane:
         """The landscape's, whose coordinates are those of its window."""
-        axes = [[1, 0, -1, 0], [0, 1, 0, 1]] if self.mirrored else np.eye(2)
-        axes = np.tile(axes, self.knots)
+        axes = np.tile([[1.0, 0, -1, 0], [0, 1, 0, 1]] if self.mirrored else np.eye(2), self.knots)
         low, high = np.array(self.window).T
         return Plane(np.zeros(axes.shape[1]), axes, low, high, ("x (m)", "z (m)"))
 

@@ -60,7 +60,7 @@ class State:
 
     def _of_joint(self, name: str, values: Array, addresses: np.ndarray, sizes: tuple[int, ...]) -> Array:
         i = self._number(mujoco.mjtObj.mjOBJ_JOINT, "joint", name)
-        first, size = addresses[i], sizes[self._names.jnt_type[i]]
+        first, size = int(addresses[i]), sizes[self._names.jnt_type[i]]
         return values[first] if size == 1 else values[first : first + size]
 
     def site(self, name: str) -> Float[Array, "3"]:
