@@ -13,14 +13,14 @@ import jax.numpy as jnp
 
 from tog_mjx.engines.objective import objective
 from tog_mjx.gradients import exact
-from tog_mjx.paper.tasks import get_task
+from tog_mjx.problems.library import get_problem
 from tog_mjx.running.console import run_main
 
 
 def main() -> None:
-    task, simulator = get_task(sys.argv[1]), sys.argv[2]
+    task, simulator = get_problem(sys.argv[1]), sys.argv[2]
     with jax.enable_x64():
-        arguments = jax.random.key(0), jnp.array(task.initial_guess)
+        arguments = jax.random.key(0), jnp.array(task.x0)
         laps = [time.perf_counter()]
         traced = jax.jit(exact(objective(task, simulator))).trace(*arguments)
         laps.append(time.perf_counter())

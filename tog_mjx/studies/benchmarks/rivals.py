@@ -15,7 +15,7 @@ from jaxtyping import Float
 from tog_mjx.engines import Simulator
 from tog_mjx.engines.engine import on_plane
 from tog_mjx.mjcf.contact import PenaltyLaw
-from tog_mjx.paper.tasks import Task
+from tog_mjx.problems import Problem
 from tog_mjx.running.types import Scalar
 from tog_mjx.stepping.mjx_state import MOVING
 
@@ -24,7 +24,7 @@ _COMPILE = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-fPIC", "-c")
 _LINK = ("-fopenmp", "-shared")
 
 
-def python_loop(task: Task, simulator: Simulator, steps: int) -> Callable[[jax.Array], Scalar]:
+def python_loop(task: Problem, simulator: Simulator, steps: int) -> Callable[[jax.Array], Scalar]:
     """J after `steps` time steps, every step traced by Python: as the paper's released program unrolls its loop."""
 
     engine = on_plane(task, simulator)
@@ -39,7 +39,7 @@ def python_loop(task: Task, simulator: Simulator, steps: int) -> Callable[[jax.A
 
 
 @contextlib.contextmanager
-def c_loop(task: Task):
+def c_loop(task: Problem):
     """A function from setpoints [N, 2] to costs [N] of the flip, in float32: the arithmetic of `penalty`, in C.
 
     Yields None where there is no C compiler. The library lives as long as the context.
@@ -66,7 +66,7 @@ def c_loop(task: Task):
         yield run
 
 
-def _parameters(task: Task) -> np.ndarray:
+def _parameters(task: Problem) -> np.ndarray:
     """In the order of flips.c."""
     p = task.scene.physics
     numbers = [p.gravity, p.timestep, p.box_mass, p.box_inertia, *p.box_half, p.corner_radius]

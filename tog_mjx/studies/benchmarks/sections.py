@@ -21,7 +21,8 @@ import numpy as np
 from tog_mjx.engines import SIMULATORS, MjxSimulator, Simulator, make_simulator, reference
 from tog_mjx.engines.objective import final_cost
 from tog_mjx.gradients import exact_batch, stochastic
-from tog_mjx.paper.tasks import Task, get_task
+from tog_mjx.problems import Problem
+from tog_mjx.problems.library import get_problem
 from tog_mjx.running.batches import chunk_size
 from tog_mjx.running.console import CACHE_VARIABLE
 from tog_mjx.running.devices import over_devices
@@ -38,25 +39,27 @@ PATIENT = 256
 """The largest batch of MJX on the cores of a CPU, and of C MuJoCo: more of them take as much longer."""
 SIMULATED = ("penalty", "mjx")
 """In batches and crossovers."""
+SIGMA = 0.1
+"""Of the stochastic samples, whose time does not depend on it."""
 PATIENCE = 5.0
 """Seconds: a gradient that takes longer is measured once, and its method left out from then on."""
 
 
-def single(task: Task, repeats: int, report: Report) -> list[Row]:
+def single(task: Problem, repeats: int, report: Report) -> list[Row]:
     """One motion and one gradient: `ms`, `evaluations` (of the same simulator's J), `seconds_compile`, `megabytes`."""
-    u = jnp.array(task.initial_guess)
+    u = jnp.array(task.x0)
     programs = {}
     for name, what, function in _single_rivals(task):
         report(f"{name}, {what}: compiling")
         programs[name, what] = compiled(function, u)
-    steps = 1e-7 * np.concatenate([np.eye(u.size), -np.eye(u.size)]) + task.initial_guess
+    steps = 1e-7 * np.concatenate([np.eye(u.size), -np.eye(u.size)]) + task.x0
     runs = {key: program.run for key, program in programs.items()}
     # As the paper's program ran: operation by operation, never compiled as a whole.
     loop = python_loop(task, make_simulator("released", task.scene), UNROLLED)
     runs[PYTHON, "J"] = functools.partial(loop, u)
     runs[PYTHON, "reverse mode"] = functools.partial(jax.grad(loop), u)
     one_thread, differences = ("C MuJoCo, 1 thread", "J"), ("C MuJoCo, all cores", "differences")
-    runs[one_thread] = functools.partial(reference.final_costs, task, task.initial_guess[None], 1)
+    runs[one_thread] = functools.partial(reference.final_costs, task, task.x0[None], 1)
     runs[differences] = functools.partial(reference.final_costs, task, steps)
     report("single: measuring")
     times = interleaved(runs, repeats)
@@ -77,7 +80,7 @@ def single(task: Task, repeats: int, report: Report) -> list[Row]:
     return rows
 
 
-def _single_rivals(task: Task) -> list[tuple[str, str, Callable]]:
+def _single_rivals(task: Problem) -> list[tuple[str, str, Callable]]:
     """Name, what it computes, and the function of u."""
     found: list[tuple[str, str, Callable]] = []
     for name in ("penalty", "released", "mjx"):
@@ -101,7 +104,7 @@ def one_iteration(simulator: Simulator) -> MjxSimulator:
     return dataclasses.replace(simulator, model=simulator.model.replace(opt=option), differentiation="native")
 
 
-def start(task: Task, report: Report) -> list[Row]:
+def start(task: Problem, report: Report) -> list[Row]:
     """Seconds from the start of a fresh process to its first gradient, by `exact`: without and with a filled cache."""
     rows = []
     with tempfile.TemporaryDirectory() as cache:
@@ -117,15 +120,14 @@ def start(task: Task, report: Report) -> list[Row]:
     return rows
 
 
-def batches(task: Task, sizes: Sequence[int], repeats: int, report: Report) -> list[Row]:
+def batches(task: Problem, sizes: Sequence[int], repeats: int, report: Report) -> list[Row]:
     """Motions and forward-mode gradients of many setpoints at once, on all devices: `per_second`, by batch size.
 
     The C loop is that of the flip, where there is a compiler.
     """
     is_cpu = jax.default_backend() == "cpu"
-    low, high = np.array(task.window).T
-    points = np.random.default_rng(0).uniform(low, high, (max(sizes), 2))
-    setpoints = np.array(jax.vmap(task.expand)(jnp.array(points)))
+    points = np.random.default_rng(0).uniform(task.plane.low, task.plane.high, (max(sizes), 2))
+    setpoints = np.asarray(task.plane.x(points))
     rows = []
     with c_loop(task) as loop:
         for size in sizes:
@@ -156,27 +158,27 @@ def _in_chunks(function: Callable, setpoints: np.ndarray, simulator: str) -> Cal
     return lambda: [run(chunk) for chunk in chunks]
 
 
-def crossover(task: Task, knots: Sequence[int], repeats: int, report: Report) -> list[Row]:
+def crossover(task: Problem, knots: Sequence[int], repeats: int, report: Report) -> list[Row]:
     """One gradient, by method, against the number of decision variables: `ms`, `variables`."""
     rows = []
     for simulator in SIMULATED:
         tired: set[str] = set()
         for number in knots:
             report(f"{simulator}: {number} knots")
-            runs = _gradients(get_task(task, knots=number), simulator, tired)
+            runs = _gradients(get_problem(task, knots=number), simulator, tired)
             times = interleaved(runs, repeats) if runs else {}
             tired |= {method for method, seconds in times.items() if seconds > PATIENCE}
             for method, seconds in times.items():
                 row = {"simulator": simulator, "method": method, "knots": number, "ms": 1e3 * seconds}
-                rows.append({**row, "variables": number * task.initial_guess.size})
+                rows.append({**row, "variables": number * task.x0.size})
     return rows
 
 
-def _gradients(task: Task, simulator: str, tired: set[str]) -> dict[str, Callable[[], Any]]:
+def _gradients(task: Problem, simulator: str, tired: set[str]) -> dict[str, Callable[[], Any]]:
     """By method, a gradient at the initial guess; those that are tired are left out."""
-    u = jnp.array(task.initial_guess)
+    u = jnp.array(task.x0)
     cost = functools.partial(final_cost, task, make_simulator(simulator, task.scene))
-    sample = stochastic(cost, task.stochastic.sigma)
+    sample = stochastic(cost, SIGMA)
     methods: dict[str, Callable] = {
         "J alone": cost,
         "reverse mode": jax.grad(cost),
@@ -185,12 +187,12 @@ def _gradients(task: Task, simulator: str, tired: set[str]) -> dict[str, Callabl
     }
     runs = {name: compiled(method, u).run for name, method in methods.items() if name not in tired}
     if simulator == "mjx" and "differences of C MuJoCo, all cores" not in tired:
-        steps = 1e-7 * np.concatenate([np.eye(u.size), -np.eye(u.size)]) + task.initial_guess
+        steps = 1e-7 * np.concatenate([np.eye(u.size), -np.eye(u.size)]) + task.x0
         runs["differences of C MuJoCo, all cores"] = functools.partial(reference.final_costs, task, steps)
     return runs
 
 
-def scaling(task: Task, factors: Sequence[int], repeats: int, report: Report) -> list[Row]:
+def scaling(task: Problem, factors: Sequence[int], repeats: int, report: Report) -> list[Row]:
     """J and its reverse-mode gradient on `penalty`, as horizon, batch and knots grow: `ms`, `megabytes` by `factor`."""
     rows = []
     for what in ("horizon", "batch", "knots"):
@@ -198,8 +200,8 @@ def scaling(task: Task, factors: Sequence[int], repeats: int, report: Report) ->
         for factor in factors:
             report(f"{what} times {factor}")
             grown = dataclasses.replace(task, steps=150 * factor) if what == "horizon" else task
-            grown = get_task(task, knots=8 * factor) if what == "knots" else grown
-            u = jnp.array(grown.initial_guess)
+            grown = get_problem(task, knots=8 * factor) if what == "knots" else grown
+            u = jnp.array(grown.x0)
             cost = functools.partial(final_cost, grown, make_simulator("penalty", grown.scene))
             functions: dict[str, Callable] = {"J": cost, "reverse mode": jax.grad(cost)}
             if what == "batch":
