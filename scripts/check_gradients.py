@@ -22,7 +22,7 @@ from rich.text import Text
 from tog_mjx.checks.function_verdict import check
 from tog_mjx.checks.scene_verdict import check_scene
 from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict
-from tog_mjx.drawing.report.verdict_page import write_page
+from tog_mjx.drawing.report.verdict_page import write_verdict
 from tog_mjx.mjcf.keyframes import keyframe_start, saved_start
 from tog_mjx.mjcf.scene import compile_model, scene_path
 from tog_mjx.problems import Problem
@@ -56,7 +56,7 @@ def main() -> None:
     if args.json:
         write_json(args.json, verdict)
     if args.html:
-        write_page(args.html, path.stem, verdict)
+        write_verdict(args.html, path.stem, verdict.line, verdict.as_json())
     sys.exit(verdict.exit_status)
 
 

@@ -16,10 +16,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tog_mjx.drawing.figures import draw_agreement
 from tog_mjx.drawing.figures.style import save_figure
 from tog_mjx.paper import gradient_agreement as agreement
 from tog_mjx.paper.gradient_agreement import METHODS, MJX, PENALTY, REFERENCE, Agreement, Gradients, Piece
+from tog_mjx.paper.outcomes import agreement_figure
 from tog_mjx.paper.questions import friction_law
 from tog_mjx.paper.tasks import TASKS, get_task
 from tog_mjx.paper.terms import TERMS
@@ -185,7 +185,7 @@ def draw(task: str, found: dict[Piece, Gradients], out: Path, console: Console) 
             fields[simulator] = costs, gradient_field(of, simulator, of.plane, ARROWS, folder, report)
     gradients = [next(r for p, r in found.items() if (p.task, p.method) == (task, m)).gradients for m in (MJX, PENALTY)]
     path = out / f"{task}.png"
-    save_figure(draw_agreement(of, fields, agreement.angles(*gradients)), path)
+    save_figure(agreement_figure(get_task(task), fields, agreement.angles(*gradients)), path)
     return path
 
 

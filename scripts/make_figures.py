@@ -39,7 +39,7 @@ def main() -> None:
         pictures += gallery.draw_task(get_task(task), simulator, descents, landscape, args.out)
     console.print(f"Table I is in {args.out / 'table_1.md'}; beside each figure lies a PDF:", markup=False)
     for picture in pictures:
-        console.print(f"  {picture.path}", markup=False)
+        console.print(f"  {picture.image}", markup=False)
 
 
 def parse_arguments():

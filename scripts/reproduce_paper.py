@@ -20,14 +20,14 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from tog_mjx.drawing.report import Section, write_report
-from tog_mjx.drawing.report.packed import GRID, scenario, thinned
+from tog_mjx.drawing.report import Picture, Section
 from tog_mjx.engines import SIMULATORS
 from tog_mjx.paper import comparison, gallery
+from tog_mjx.paper.answer import write_report
 from tog_mjx.paper.comparison import METHODS, Run
 from tog_mjx.paper.execution import find_finished, finish_landscape, finish_runs, label
-from tog_mjx.paper.gallery import Picture
 from tog_mjx.paper.published import published
+from tog_mjx.paper.scenario import GRID, scenario, thinned
 from tog_mjx.paper.tasks import TASKS, Task, get_task
 from tog_mjx.running.console import GRID_MOST, SEEDS, ArgumentParser, Work, run_main, within
 from tog_mjx.running.errors import MANY
@@ -96,9 +96,7 @@ def illustrate(descents: dict[Run, Descent], size: int, out: Path, console: Cons
         for simulator in dict.fromkeys(run.simulator for run in descents)
     ][::-1]
     scenarios = [one for _, played in found for one in played]
-    write_report(
-        out / REPORT, descents, [common, *(section for section, _ in found)], scenarios, gallery.table_1(tasks)
-    )
+    write_report(out / REPORT, descents, [common, *(section for section, _ in found)], scenarios, tasks)
 
 
 def illustrate_simulator(
@@ -134,7 +132,7 @@ def closing_table(descents: dict[Run, Descent]) -> Table:
         table.add_column(column, justify="right", no_wrap=True)
     for (task, method), rows in itertools.groupby(comparison.table_rows(descents), lambda row: (row.task, row.method)):
         for row in rows:
-            costs = (f"{cost:.4f}" for cost in (row.first, row.last, row.best))
+            costs = (f"{cost:.4f}" for cost in row.costs)
             is_first = row.source == "published"
             name = f"{task} {method}" if is_first else ""
             table.add_row(name, row.source, *costs, row.best_at, style="italic" if is_first else None)

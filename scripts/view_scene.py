@@ -18,6 +18,7 @@ import numpy as np
 
 from tog_mjx.drawing import viewing
 from tog_mjx.mjcf.scene import compile_model, scene_path
+from tog_mjx.paper.replay import Iterate, read_iterate, replay
 from tog_mjx.paper.tasks import TASKS, get_task
 from tog_mjx.problems import Problem
 from tog_mjx.running.console import ArgumentParser, run_main, within
@@ -44,12 +45,12 @@ def main() -> None:
     if not (args.files or args.web):
         viewing.check_display()
     if args.run:
-        iterate = viewing.read_iterate(args.run, args.iterate)
+        iterate = read_iterate(args.run, args.iterate)
         if iterate.task.name != task:
             raise InputError(f"{args.run} is a run of the task {iterate.task.name}; give that as the scene, not {path}")
         print(told(iterate), flush=True)
         data = viewing.start(model, iterate.setpoints)
-        motion = viewing.replay(iterate, args.duration)
+        motion = replay(iterate, args.duration)
     if problem:
         x = viewing.read_numbers(args.x) if args.x else problem.x0
         motion = viewing.motion_of(problem, x)
@@ -136,7 +137,7 @@ def horizon(task: str) -> float:
     return (chosen.steps) * chosen.scene.model.opt.timestep
 
 
-def told(iterate: viewing.Iterate) -> str:
+def told(iterate: Iterate) -> str:
     u = ", ".join(f"{x:.4g}" for x in iterate.setpoints)
     return f"iterate {iterate.number} on {iterate.simulator}: setpoints ({u}), J = {iterate.cost:.4g}"
 

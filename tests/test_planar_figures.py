@@ -7,10 +7,11 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.patches import Polygon
 from states import state_of_box
 
-from tog_mjx.drawing.figures import draw_landscape, draw_motions, draw_setups
-from tog_mjx.drawing.figures.fading import SNAPSHOTS, Motion
-from tog_mjx.drawing.figures.landscapes import LEVELS
-from tog_mjx.paper import gallery
+from tog_mjx.drawing.figures.fading import SNAPSHOTS
+from tog_mjx.engines.many import Motions
+from tog_mjx.paper.gallery import table_1
+from tog_mjx.paper.outcomes import LEVELS, best_motions, landscape_figure, motions_figure
+from tog_mjx.paper.setups import draw_setups
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.solving.descent import Descent, Status
 from tog_mjx.studies.landscape import Landscape
@@ -64,7 +65,7 @@ def test_figures_2_and_5_show_costs_guess_and_paths():
     costs = np.hypot(*points.T).reshape(20, 20)
     costs[3, 4] = np.nan
     path = np.array([[-0.05, 0.25, 0.05, 0.25], [0.1, 0.7, -0.1, 0.7], [0.2, 0.9, -0.2, 0.9]])
-    figure = draw_landscape(task, "mjx", Landscape(points, costs), {"exact": descent(path, [0.5, 0.1, 0.3])})
+    figure = landscape_figure(task, "mjx", Landscape(points, costs), {"exact": descent(path, [0.5, 0.1, 0.3])})
     axes, bar = figure.axes
     (filled,) = (found for found in axes.collections if isinstance(found, QuadContourSet))
     np.testing.assert_array_equal(filled.levels, LEVELS["grasp"])
@@ -83,8 +84,9 @@ def test_figures_4_and_7_show_fading_boxes_tracks_and_setpoints():
     moments = np.linspace(0, 1, 31)
     box = np.stack([moments - 1, 0.25 + 0 * moments, np.pi / 2 * (1 - moments), *np.zeros((3, 31))], axis=1)
     fingers = np.stack([moments - 1.3, 0.4 + moments, *np.zeros((2, 31))], axis=1)[:, None]
-    motion = Motion(box, fingers, np.array([0.2, 1.2]), 0.123)
-    figure = draw_motions(task, "penalty", {"initial guess": motion, "exact, best": motion})
+    setpoints = {"initial guess": np.array([0.2, 1.2]), "exact, best": np.array([0.2, 1.2])}
+    motions = Motions(moments, np.stack([box, box]), np.stack([fingers, fingers]), np.array([0.123, 0.123]))
+    figure = motions_figure(task, "penalty", setpoints, motions)
     assert [axes.get_title(loc="left") for axes in figure.axes] == [
         "initial guess: J = 0.1230",
         "exact, best: J = 0.1230",
@@ -104,20 +106,22 @@ def test_figures_4_and_7_show_fading_boxes_tracks_and_setpoints():
 
 
 def test_table_1_is_the_papers():
-    lines = gallery.table_1([get_task("flip"), get_task("grasp")]).splitlines()
-    assert "| step, exact: alpha_1 | 0.1 | 0.5 |" in lines
-    assert "| iterations, stochastic | 10 | 1000 |" in lines
-    assert "| sigma (m) | 0.5 | 0.1 |" in lines
-    assert "| initial guess u (m) | 0, 0.25 | -0.05, 0.25, 0.05, 0.25 |" in lines
+    table = table_1([get_task("flip"), get_task("grasp")])
+    assert table.header == ["setting", "box flip", "box grasp"]
+    assert ["step, exact: alpha_1", "0.1", "0.5"] in table.rows
+    assert ["iterations, stochastic", "10", "1000"] in table.rows
+    assert ["sigma (m)", "0.5", "0.1"] in table.rows
+    assert ["initial guess u (m)", "0, 0.25", "-0.05, 0.25, 0.05, 0.25"] in table.rows
 
 
 def test_the_best_motions_end_at_the_costs_of_the_descent():
     task = get_task("flip")
     setpoints = np.array([task.initial_guess, [0.3, 0.9]])
     cost = 0.1
-    motions = gallery.best_motions(task, "penalty", {"exact": descent(setpoints, [2.68, cost])})
-    assert list(motions) == ["initial guess", "exact, best"]
-    np.testing.assert_allclose(motions["initial guess"].cost, 2.6816, atol=1e-4)  # As the README's table has it.
-    for motion in motions.values():
-        np.testing.assert_allclose(motion.cost, motion.box[-1, 0] ** 2 + motion.box[-1, 2] ** 2)
-        np.testing.assert_allclose(motion.box[0], task.scene.start[0])
+    under, motions = best_motions(task, "penalty", {"exact": descent(setpoints, [2.68, cost])})
+    assert list(under) == ["initial guess", "exact, best"]
+    np.testing.assert_array_equal(list(under.values()), setpoints)
+    np.testing.assert_allclose(motions.costs[0], 2.6816, atol=1e-4)  # As the README's table has it.
+    for box, found in zip(motions.box, motions.costs, strict=True):
+        np.testing.assert_allclose(found, box[-1, 0] ** 2 + box[-1, 2] ** 2)
+        np.testing.assert_allclose(box[0], task.scene.start[0])

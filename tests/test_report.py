@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.drawing.report import Section, write_report
-from tog_mjx.drawing.report.packed import EVERY, FARTHEST, GRID, ITERATES, QUANTUM, pack, scenario, thinned, unpack
-from tog_mjx.engines.many import Motions
-from tog_mjx.paper.answer import answers
+from tog_mjx.drawing.report import Picture, Section
+from tog_mjx.drawing.report.packed import FARTHEST, QUANTUM, pack, unpack
+from tog_mjx.paper.answer import answers, write_report
 from tog_mjx.paper.comparison import Run
-from tog_mjx.paper.gallery import Picture, draw_common, table_1
+from tog_mjx.paper.gallery import draw_common
+from tog_mjx.paper.scenario import EVERY, GRID, ITERATES, scenario, thinned
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.solving.descent import Descent, Status
 from tog_mjx.studies.landscape import landscape
@@ -50,11 +50,10 @@ def test_the_answer_follows_the_numbers():
 
 def test_motions_survive_packing_and_what_flies_away_is_held():
     rng = np.random.default_rng(0)
-    box, fingers = rng.uniform(-2, 2, (5, 7, 6)), rng.uniform(-2, 2, (5, 7, 2, 4))
-    box[0, 3, 0], box[1, 2, 1], box[2, 5, 2] = 100, np.nan, -np.inf
-    packed = pack(Motions(np.zeros(7), box, fingers, np.zeros(5)))
-    found = unpack(packed, (5, 7, 7))
-    expected = np.concatenate([box[..., :3], fingers[..., :2].reshape(5, 7, 4)], axis=-1)
+    poses = rng.uniform(-2, 2, (5, 7, 7))
+    expected = poses.copy()
+    poses[0, 3, 0], poses[1, 2, 1], poses[2, 5, 2] = 100, np.nan, -np.inf
+    found = unpack(pack(poses), (5, 7, 7))
     expected[0, 3, 0], expected[1, 2, 1], expected[2, 5, 2] = FARTHEST, 0, -FARTHEST
     np.testing.assert_allclose(found, expected, rtol=0, atol=QUANTUM / 2 + 1e-12)
 
@@ -76,7 +75,7 @@ def played(tmp_path_factory):
     content = scenario(task, "penalty", landscape(task, "penalty", task.plane, 20, out), {"exact": found})
     path, run = out / "report.html", Run("penalty", "flip", "exact", iterations=1)
     sections = [Section("The <tasks>", draw_common([task], out))]
-    write_report(path, {run: found}, sections, [content], table_1([task]))
+    write_report(path, {run: found}, sections, [content], [task])
     return path, content, found
 
 
@@ -138,8 +137,8 @@ def test_the_page_is_whole_and_needs_nothing_else(played):
 def test_captions_cannot_break_out_of_the_page(played, tmp_path):
     path, content, _ = played
     evil = '"><script>alert(1)</script>'
-    picture = Picture(path.parent / "figure_1.png", 1, evil)
-    write_report(tmp_path / "page.html", {}, [Section(evil, [picture])], [{**content, "task": "</script>"}], "| a |")
+    picture = Picture(path.parent / "figure_1.png", evil, evil)
+    write_report(tmp_path / "page.html", {}, [Section(evil, [picture])], [{**content, "task": "</script>"}], [])
     text = (tmp_path / "page.html").read_text()
     assert "<script>alert" not in text
     assert text.count("</script>") == 2

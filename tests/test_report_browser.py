@@ -6,9 +6,11 @@ import shutil
 import numpy as np
 import pytest
 
-from tog_mjx.drawing.report import Section, write_report
-from tog_mjx.drawing.report.packed import GRID, QUANTUM, scenario, unpack
-from tog_mjx.paper.gallery import draw_common, table_1
+from tog_mjx.drawing.report import Section
+from tog_mjx.drawing.report.packed import QUANTUM, unpack
+from tog_mjx.paper.answer import write_report
+from tog_mjx.paper.gallery import draw_common
+from tog_mjx.paper.scenario import GRID, scenario
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.solving.descent import Descent, Status
 from tog_mjx.studies.landscape import landscape
@@ -42,7 +44,7 @@ def content(tmp_path_factory):
         costs = landscape(task, "penalty", task.plane, 20, out / name)
         scenarios.append(scenario(task, "penalty", costs, {"exact": descent, "stochastic": descent}))
     tasks = [get_task("flip"), get_task("grasp")]
-    write_report(out / "report.html", {}, [Section("The tasks", draw_common(tasks, out))], scenarios, table_1(tasks))
+    write_report(out / "report.html", {}, [Section("The tasks", draw_common(tasks, out))], scenarios, tasks)
     poses = [
         unpack(one["motions"], (len(one["setpoints"]), len(one["seconds"]), 3 + len(one["setpoints"][0])))
         for one in scenarios

@@ -8,8 +8,8 @@ import pytest
 from matplotlib.collections import PolyCollection, QuadMesh
 
 from tog_mjx.drawing.figures.bands import QUANTILES, draw_bands, quantiles
-from tog_mjx.drawing.figures.basins import draw_basins
 from tog_mjx.engines.objective import objective
+from tog_mjx.paper.outcomes import basins_figure
 from tog_mjx.paper.tasks import get_task
 
 COSTS = np.array([[2.0, 1.0, 0.5], [2.0, 3.0, 0.1], [2.0, 2.0, 0.3], [2.0, 0.5, 4.0]])
@@ -50,7 +50,7 @@ def test_basins_show_the_landscape_what_was_found_and_where_it_succeeded():
     seeds = np.random.default_rng(0).permutation(9)
     runs = [{"task": "flip", "method": of, "seed": seed, "first": 10.0 + seed, "best": seed / (1 + (of == "b")),
              "succeeded": bool(seed > 5)} for of in "ab" for seed in seeds]  # fmt: skip
-    figure = draw_basins(pd.DataFrame(runs))
+    figure = basins_figure(pd.DataFrame(runs))
     panels = {axes.get_title(loc="left"): [found for found in axes.collections if isinstance(found, QuadMesh)]
               for axes in figure.axes}  # fmt: skip
     expected = np.arange(9.0).reshape(3, 3)

@@ -8,13 +8,14 @@ from conftest import simulate_in_c
 from PIL import Image, ImageSequence
 from saved_run import COSTS, save_run
 
-from tog_mjx.drawing.viewing import Live, Loop, Motion, frame_times, read_iterate, replay, simulate, start, write_gif
+from tog_mjx.drawing.viewing import Live, Loop, Motion, frame_times, simulate, start, write_gif
 from tog_mjx.drawing.viewing.camera import aim, window
 from tog_mjx.drawing.viewing.child import run_python
 from tog_mjx.drawing.viewing.playback import HOLD
 from tog_mjx.engines.objective import rollout
 from tog_mjx.mjcf.scene import compile_model, load_scene, scene_path
 from tog_mjx.paper import comparison
+from tog_mjx.paper.replay import read_iterate, replay
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.errors import InputError
 

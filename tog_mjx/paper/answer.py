@@ -1,8 +1,13 @@
-"""The answer to the paper's question, in one sentence a task, computed from the runs."""
+"""The report: the paper's question, and its answer, in one sentence a task, computed from the runs."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-from tog_mjx.paper.comparison import METHODS, Run
+from tog_mjx.drawing.report import Section, Table, write_page
+from tog_mjx.paper.comparison import METHODS, Run, table_rows
+from tog_mjx.paper.gallery import table_1
+from tog_mjx.paper.tasks import Task
 from tog_mjx.solving.descent import Descent
 
 QUESTION = (
@@ -13,6 +18,34 @@ _LEADING = ("mjx", "penalty", "released")
 """The simulator whose numbers are quoted is the first of these that ran."""
 _PLATEAU = 0.9
 """A method that stays above that share of the first cost has not moved the box."""
+
+
+def write_report(
+    path: Path,
+    runs: Mapping[Run, Descent],
+    sections: Sequence[Section],
+    scenarios: Sequence[Mapping[str, Any]],
+    tasks: Sequence[Task],
+) -> None:
+    """Writes the page, atomically: one file that needs nothing else, and no network.
+
+    Args:
+      runs: whose numbers stand beside the published ones.
+      scenarios: of `tog_mjx.paper.scenario`, the interactive part.
+      tasks: whose settings stand at the end.
+    """
+    rows = table_rows(runs)
+    numbers = Table(
+        ["descent", "simulator", "first", "last", "best", "best at"],
+        [[row.descent, row.source, *(f"{cost:.4f}" for cost in row.costs), row.best_at] for row in rows],
+        "Cost J: of the initial guess, of the last iterate, and of the best one",
+        ["published" if row.source == "published" else "" for row in rows],
+    )
+    first = Section("This run beside the published numbers", table=numbers)
+    last = Section("Settings (Table I)", table=table_1(tasks))
+    title, command = "A Tale of Two Gradients, on MuJoCo MJX", "scripts/reproduce_paper.py"
+    blocks = [first, *sections, last]
+    write_page(path, title, QUESTION, answers(runs), blocks, scenarios=scenarios, footer=command)
 
 
 def answers(runs: Mapping[Run, Descent]) -> list[str]:

@@ -181,9 +181,7 @@ class Row(NamedTuple):
     task: str
     method: str
     source: str
-    first: float
-    last: float
-    best: float
+    costs: tuple[float, float, float]
     best_at: str
 
     @property
@@ -197,12 +195,12 @@ def table_rows(descents: Mapping[Run, Descent]) -> list[Row]:
     for task, method in dict.fromkeys((run.task, run.method) for run in descents):
         known = published(task, method)
         at = f"{known.costs.argmin() if known.costs.size else '?'} of {known.iterations}"
-        rows.append(Row(task, method, "published", known.cost_first, known.cost_last, known.cost_best, at))
+        rows.append(Row(task, method, "published", (known.cost_first, known.cost_last, known.cost_best), at))
         for run, descent in descents.items():
             if (run.task, run.method) == (task, method):
                 costs = float(descent.costs[0]), float(descent.costs[-1]), float(descent.costs.min())
                 at = f"{descent.best_iteration} of {descent.iterations}"
-                rows.append(Row(task, method, run.simulator, *costs, at))
+                rows.append(Row(task, method, run.simulator, costs, at))
     return rows
 
 

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 
 from tog_mjx.drawing.figures import planar
 from tog_mjx.drawing.figures.style import GUESS, RC, new_figure
+from tog_mjx.paper.replay import positions
 from tog_mjx.paper.tasks import Task
 
-FIGURE_NUMBER = 1
 GOAL = {"linestyle": (0, (4, 2)), "edgecolor": "#333333", "linewidth": 1.2}
 
 
@@ -29,8 +29,8 @@ def draw_setups(tasks: Sequence[Task]) -> Figure:
 def _draw_setup(axes: Axes, task: Task) -> None:
     scene, data = task.scene, mujoco.MjData(task.scene.model)
     box, fingers = scene.start
-    planar.draw(axes, planar.place(scene, data, box, fingers))
-    goal = planar.place(scene, data, np.array([*task.goal, 0, 0, 0]), fingers)
+    planar.draw(axes, planar.place(scene.model, data, positions(scene, box, fingers)))
+    goal = planar.place(scene.model, data, positions(scene, np.array([*task.goal, 0, 0, 0]), fingers))
     for patch in planar.draw(axes, [shape for shape in goal if shape.name == "box"]):
         patch.set(facecolor="none", **GOAL)
         patch.set_label("goal of the box")

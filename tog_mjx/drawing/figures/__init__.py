@@ -1,7 +1,6 @@
-"""The paper's figures, one file each."""
+"""Figures, one file each: arrays in, a figure out."""
 
 from tog_mjx.drawing.figures.descents import draw_descents as draw_descents
 from tog_mjx.drawing.figures.fading import draw_motions as draw_motions
 from tog_mjx.drawing.figures.gradient_fields import draw_agreement as draw_agreement
 from tog_mjx.drawing.figures.landscapes import draw_landscape as draw_landscape
-from tog_mjx.paper.setups import draw_setups as draw_setups

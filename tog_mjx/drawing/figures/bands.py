@@ -8,7 +8,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tog_mjx.drawing.figures.style import METHOD, RC, new_figure
+from tog_mjx.drawing.figures.style import RC, look, new_figure
 
 QUANTILES = (0.0, 0.1, 0.5, 0.9, 1.0)
 
@@ -54,9 +54,9 @@ def draw_bands(
 
 def _plot(axes: Axes, method: str, costs: Float[np.ndarray, "M N"]) -> None:
     least, low, median, high, most = quantiles(costs)
-    look, iterations = METHOD[method.partition(",")[0]], np.arange(len(median))
-    name = look["label"] + (", median" if len(costs) > 1 else "")
-    axes.plot(iterations, median, color=look["color"], linestyle=look["linestyle"], linewidth=1.4, label=name)
+    style, iterations = look(method), np.arange(len(median))
+    name = style["label"] + (", median" if len(costs) > 1 else "")
+    axes.plot(iterations, median, color=style["color"], linestyle=style["linestyle"], linewidth=1.4, label=name)
     if len(costs) > 1:
-        axes.fill_between(iterations, low, high, color=look["color"], alpha=0.35, linewidth=0, label="10 to 90 %")
-        axes.fill_between(iterations, least, most, color=look["color"], alpha=0.15, linewidth=0, label="all seeds")
+        axes.fill_between(iterations, low, high, color=style["color"], alpha=0.35, linewidth=0, label="10 to 90 %")
+        axes.fill_between(iterations, least, most, color=style["color"], alpha=0.15, linewidth=0, label="all seeds")

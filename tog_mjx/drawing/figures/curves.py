@@ -1,13 +1,13 @@
-"""The curves behind a check's finding."""
+"""The curves behind what a check found."""
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from tog_mjx.checks.told.finding import Finding
 from tog_mjx.drawing.figures.style import RC, new_figure
 
 _COLORS, _STYLES = ("#1b1b1b", "#d55e00", "#0072b2", "#009e73", "#cc79a7"), ("-", "--", "-.", ":", "-")
@@ -48,22 +48,24 @@ _LOOKS = {
 }
 
 
-def has_figure(finding: Finding) -> bool:
-    return finding.check in _LOOKS and bool(finding.curves)
+Curves = Mapping[str, Sequence[int | float | None]]
+"""Lists of equal length, by name."""
 
 
-def draw_finding(finding: Finding) -> Figure:
-    """All curves of a finding for which `has_figure`. What is not finite, or not positive on a logarithmic axis, is
-    left out."""
-    look = _LOOKS[finding.check]
-    x = np.array(finding.curves[look.x], float)
+def has_figure(check: str, curves: Curves) -> bool:
+    return check in _LOOKS and bool(curves)
+
+
+def draw_curves(check: str, curves: Curves) -> Figure:
+    """All curves of a check for which `has_figure`. What is None or not finite, or not positive on a logarithmic axis,
+    is left out."""
+    look = _LOOKS[check]
+    x = np.array(curves[look.x], float)
     with rc_context(RC):
         figure = new_figure(5.6, 3.2)
         axes = figure.subplots()
         others = {
-            name: np.array(y, float)
-            for name, y in finding.curves.items()
-            if name != look.x and name in (look.shown or finding.curves)
+            name: np.array(y, float) for name, y in curves.items() if name != look.x and name in (look.shown or curves)
         }
         for i, (name, y) in enumerate(others.items()):
             drawn = np.where(y > 0, y, math.nan) if look.scale[1] == "log" else y

@@ -1,65 +1,56 @@
-"""Figures 3 and 6: cost against iteration, both methods, and where the published run ended up."""
+"""Cost against iteration, a curve for each method, and the iterate where each was least."""
 
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tog_mjx.drawing.figures.style import BEST, METHOD, PUBLISHED, RC, new_figure
-from tog_mjx.paper.published import published
-from tog_mjx.solving.descent import Descent
+from tog_mjx.drawing.figures.style import BEST, PUBLISHED, RC, Window, look, new_figure
 
-FIGURE_NUMBER = {"flip": 3, "grasp": 6}
-_INSET_ITERATIONS = {"flip": None, "grasp": 100}
-"""The inset shows the flip's last iterates, near zero, and the grasp's first hundred, in which exact descent lifts."""
+Traces = Mapping[str, Float[np.ndarray, " _"]]
+"""Costs of iterates, the initial guess first, by method."""
 
 
-def draw_descents(task: str, simulator: str, descents: Mapping[str, Descent]) -> Figure:
-    """Figure 3 (flip) or 6 (grasp) of the paper.
+def draw_descents(
+    traces: Traces,
+    published: Traces | None = None,
+    *,
+    title: str = "",
+    cost: str = "cost $J$",
+    inset: Window | None = None,
+) -> Figure:
+    """A curve for each of the `traces`, a star at its least cost, and dotted under it the `published` one, if any.
 
     Args:
-      task, simulator: names, for titles and the published traces.
-      descents: by method, "exact" and "stochastic" or one of them.
+      inset: iterations and costs of a part that is shown larger too.
     """
     with rc_context(RC):
         figure = new_figure()
         axes = figure.subplots()
-        _plot(axes, task, descents)
+        _plot(axes, traces, published or {})
         axes.set_xlabel("iteration (parameter updates)")
-        axes.set_ylabel(rf"cost $J_\mathrm{{{task}}}$")
-        axes.set_title(f"Box {task} on {simulator}", loc="left")
-        axes.set_ylim(0, 1.1 * max(float(d.costs.max()) for d in descents.values()))
+        axes.set_ylabel(cost)
+        axes.set_title(title, loc="left")
+        axes.set_ylim(0, 1.1 * max(float(costs.max()) for costs in traces.values()))
         axes.plot([], [], **BEST, color="#7a7a7a", label="best iterate")
         figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=8)
-        _add_inset(axes, task, descents)
+        if inset:
+            larger = axes.inset_axes((0.52, 0.3, 0.46, 0.36), xlim=inset[0], ylim=inset[1])
+            _plot(larger, traces, published or {}, markersize=3.0)
+            larger.tick_params(labelsize=7)
+            axes.indicate_inset_zoom(larger, edgecolor="#555555")
     return figure
 
 
-def _plot(axes: Axes, task: str, descents: Mapping[str, Descent], markersize: float = 4.0) -> None:
-    longest = max(len(descent.costs) for descent in descents.values())
-    for method, descent in descents.items():
-        trace = published(task, method)
-        if trace.costs.size:
-            axes.plot(trace.costs, **PUBLISHED, color=METHOD[method]["color"], label=f"published, {method}")
-        axes.plot(
-            descent.costs, **METHOD[method], markersize=markersize, markevery=max(1, longest // 25), linewidth=1.3
-        )
-        best = descent.best_iteration
-        axes.plot(best, descent.costs[best], **BEST, color=METHOD[method]["color"])
-
-
-def _add_inset(axes: Axes, task: str, descents: Mapping[str, Descent]) -> None:
-    inset = axes.inset_axes((0.52, 0.3, 0.46, 0.36))
-    _plot(inset, task, descents, markersize=3.0)
-    longest = max(len(d.costs) for d in descents.values()) - 1
-    limit = _INSET_ITERATIONS[task]
-    if limit is not None:
-        inset.set_xlim(-1, min(limit, longest) + 1)
-        inset.set_ylim(0, 1.05 * min(1.0, max(float(np.max(d.costs)) for d in descents.values())))
-    else:
-        inset.set_xlim(longest * 0.2, longest * 1.03)
-        inset.set_ylim(0, 0.3)
-    inset.tick_params(labelsize=7)
-    axes.indicate_inset_zoom(inset, edgecolor="#555555")
+def _plot(axes: Axes, traces: Traces, published: Traces, markersize: float = 4.0) -> None:
+    every = max(1, max(len(costs) for costs in traces.values()) // 25)
+    for method, costs in traces.items():
+        style = look(method)
+        if len(known := published.get(method, ())):
+            axes.plot(known, **PUBLISHED, color=style["color"], label=f"published, {method}")
+        axes.plot(costs, **style, markersize=markersize, markevery=every, linewidth=1.3)
+        best = int(np.argmin(costs))
+        axes.plot(best, costs[best], **BEST, color=style["color"])

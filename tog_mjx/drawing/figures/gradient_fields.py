@@ -8,43 +8,49 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tog_mjx.drawing.figures.landscapes import fill
+from tog_mjx.drawing.figures.landscapes import NAMES, Surface, fill
 from tog_mjx.drawing.figures.style import GUESS, RC, new_figure
-from tog_mjx.paper.tasks import Task
-from tog_mjx.studies.landscape import GradientField, Landscape
+
+Arrows = tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]
+"""Points [N, 2] and the gradients there [N, 2], as a `GradientField` has."""
 
 
 def draw_agreement(
-    task: Task, fields: Mapping[str, tuple[Landscape, GradientField]], degrees: Float[np.ndarray, " N"]
+    fields: Mapping[str, tuple[Surface, Arrows]],
+    degrees: Float[np.ndarray, " N"],
+    guess: Float[np.ndarray, " 2"],
+    *,
+    cost: str = "cost $J$",
+    names: tuple[str, str] = NAMES,
 ) -> Figure:
-    """A figure of one task.
+    """Two landscapes with their gradients, of one scale, and how far the gradients differ in direction.
 
     Args:
-      fields: by simulator, two of them.
-      degrees: angles between the two gradients at random setpoints, positive.
+      fields: by code, two of them.
+      degrees: angles between the two gradients at random points, positive.
     """
     with rc_context({**RC, "axes.grid": False}):
         figure = new_figure(10.5, 3.6)
         *panels, last = figure.subplots(1, 3)
-        low, high = np.percentile([landscape.costs for landscape, _ in fields.values()], (0, 98))
+        low, high = np.percentile([costs for (_, costs), _ in fields.values()], (0, 98))
         levels = np.linspace(low, high, 15)
-        for axes, (simulator, (landscape, field)) in zip(panels, fields.items(), strict=True):
-            filled = fill(axes, task, landscape, levels)
-            _draw_downhill(axes, field)
-            axes.plot(*task.initial_guess[:2], **GUESS)
-            axes.set_title(simulator, loc="left")
-        figure.colorbar(filled, ax=panels, label=rf"cost $J_\mathrm{{{task.name}}}$", shrink=0.85, format="%.2f")
+        for axes, (code, (surface, arrows)) in zip(panels, fields.items(), strict=True):
+            filled = fill(axes, surface, levels, names)
+            _draw_downhill(axes, *arrows)
+            axes.plot(*guess, **GUESS)
+            axes.set_title(code, loc="left")
+        figure.colorbar(filled, ax=panels, label=cost, shrink=0.85, format="%.2f")
         _draw_angles(last, degrees, tuple(fields))
     return figure
 
 
-def _draw_downhill(axes: Axes, field: GradientField) -> None:
+def _draw_downhill(axes: Axes, points: Float[np.ndarray, "N 2"], gradients: Float[np.ndarray, "N 2"]) -> None:
     """Arrows of one length, none where the gradient is zero."""
-    norm = np.linalg.norm(field.gradients, axis=1)
+    norm = np.linalg.norm(gradients, axis=1)
     moving = norm > 1e-9
-    downhill = -field.gradients[moving] / norm[moving, None]
+    downhill = -gradients[moving] / norm[moving, None]
     axes.quiver(
-        *field.points[moving].T,
+        *points[moving].T,
         *downhill.T,
         color="white",
         edgecolor="black",

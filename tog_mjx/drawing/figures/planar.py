@@ -13,9 +13,6 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from scipy.spatial import ConvexHull, QhullError
 
-from tog_mjx.mjcf.scene import Scene
-from tog_mjx.running.types import AnyArray
-
 _VISIBLE_GROUPS = 3
 """MuJoCo's viewers show geoms of groups 0 to 2 unless told otherwise."""
 _FAR = 100.0
@@ -65,13 +62,11 @@ def site_outlines(model: mujoco.MjModel, data: mujoco.MjData) -> list[Outline]:
     return found
 
 
-def place(
-    scene: Scene, data: mujoco.MjData, box: Float[AnyArray, "6"], fingers: Float[AnyArray, "F 4"]
-) -> list[Outline]:
-    """The silhouettes of a planar scene in the state of its box and fingers; `data` is moved there."""
-    data.qpos[scene.joints] = np.concatenate([np.asarray(box)[:3], np.asarray(fingers)[:, :2].ravel()])
-    mujoco.mj_kinematics(scene.model, data)
-    return outlines(scene.model, data)
+def place(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, " nq"]) -> list[Outline]:
+    """The silhouettes of the visible geoms in these positions; `data` is moved there."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    return outlines(model, data)
 
 
 def draw(axes: Axes, shapes: Sequence[Outline], alpha: float = 1.0) -> list[matplotlib.patches.Polygon]:

@@ -10,6 +10,9 @@ from matplotlib.figure import Figure
 
 from tog_mjx.running.storage import atomic_write
 
+Window = tuple[tuple[int | float, int | float], tuple[int | float, int | float]]
+"""From and to, along the first axis and along the second."""
+
 RC: dict[Any, Any] = {
     "font.size": 10,
     "axes.grid": True,
@@ -23,6 +26,14 @@ METHOD: dict[str, dict[str, Any]] = {
     "saltation": {"color": "#0072b2", "linestyle": "-.", "marker": "s", "label": "gradient with the jumps"},
     "stochastic": {"color": "#d55e00", "linestyle": "--", "marker": "x", "label": "stochastic gradient"},
 }
+
+
+def look(method: str) -> dict[str, Any]:
+    """Of a method's curve: of "exact, adam" that of "exact"; of one that is none of `METHOD` a plain line."""
+    plain = {"color": "#009e73", "linestyle": ":", "marker": ".", "label": method}
+    return METHOD.get(method.partition(",")[0], plain)
+
+
 GUESS: dict[str, Any] = {
     "color": "#0072b2",
     "marker": "D",

@@ -11,7 +11,7 @@
 
   // --- Data -----------------------------------------------------------------------------------------------------------
 
-  // Of each motion the first pose and then differences: see tog_mjx/report/playback.py.
+  // Of each motion the first pose and then differences: see packed.py.
   async function unpack(scenario) {
     const bytes = Uint8Array.from(atob(scenario.motions), (letter) => letter.charCodeAt(0));
     const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));

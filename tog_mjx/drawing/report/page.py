@@ -1,6 +1,6 @@
-"""The page itself: numbers, figures and motions put into the template."""
+"""The page itself: words, tables, figures and motions put into the template."""
 
-import base64
+import io
 import json
 from collections.abc import Mapping, Sequence
 from importlib import resources
@@ -8,48 +8,70 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
-from tog_mjx.paper.answer import QUESTION, answers
-from tog_mjx.paper.comparison import Run, table_rows
-from tog_mjx.paper.gallery import Picture
+from tog_mjx.drawing.figures.style import RC
+from tog_mjx.drawing.report.packed import data_uri
 from tog_mjx.running.storage import atomic_write
-from tog_mjx.solving.descent import Descent
+
+
+class Picture(NamedTuple):
+    """A figure, or the path of a PNG; its name ("Figure 2"), and what it shows in words."""
+
+    image: Path | Figure
+    name: str
+    caption: str
+
+
+class Table(NamedTuple):
+    """Cells, text or markup; the first one of each row is its heading. `looks` has a class of `page.css` for each."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    caption: str = ""
+    looks: Sequence[str] = ()
 
 
 class Section(NamedTuple):
-    """The figures of one simulator, or those of none, under a title."""
+    """A table, if any, and figures, under a title."""
 
     title: str
-    pictures: Sequence[Picture]
+    pictures: Sequence[Picture] = ()
+    table: Table | None = None
 
 
-def write_report(
+def write_page(
     path: Path,
-    runs: Mapping[Run, Descent],
+    title: str,
+    question: str,
+    answers: Sequence[str],
     sections: Sequence[Section],
-    scenarios: Sequence[Mapping[str, Any]],
-    table_1: str,
+    *,
+    heading: str = "",
+    scenarios: Sequence[Mapping[str, Any]] = (),
+    footer: str = "",
 ) -> None:
     """Writes the page, atomically: one file that needs nothing else, and no network.
 
     Args:
-      runs: whose numbers stand beside the published ones.
-      scenarios: of `tog_mjx.drawing.report.packed`, the interactive part.
-      table_1: in Markdown.
+      heading: the title, where there is none.
+      scenarios: what the interactive part plays, after the answers: see `page.js` for what it uses of each.
+      footer: names the program behind the page.
     """
     files = resources.files(__package__)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    environment.filters["data_uri"] = _data_uri
+    environment.filters["data_uri"] = lambda image: data_uri(_png(image))
     # Inside a script element, "</" would end it.
     environment.filters["script"] = lambda value: json.dumps(value, allow_nan=False).replace("</", "<\\/")
-    template = environment.from_string(files.joinpath("page.html").read_text())
-    page = template.render(
-        question=QUESTION,
-        answers=answers(runs),
-        rows=table_rows(runs),
+    page = environment.from_string(files.joinpath("page.html").read_text()).render(
+        title=title,
+        heading=heading or title,
+        question=question,
+        answers=answers,
         sections=sections,
         scenarios=scenarios,
-        table_1=[[cell.strip() for cell in line.strip("| ").split("|")] for line in table_1.splitlines()],
+        footer=footer,
         style=files.joinpath("page.css").read_text(),
         program=files.joinpath("page.js").read_text(),
     )
@@ -57,5 +79,10 @@ def write_report(
         file.write(page.encode())
 
 
-def _data_uri(path: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+def _png(image: Path | Figure) -> bytes:
+    if isinstance(image, Path):
+        return image.read_bytes()
+    file = io.BytesIO()
+    with rc_context(RC):
+        image.savefig(file, format="png", dpi=120)
+    return file.getvalue()

@@ -1,41 +1,59 @@
-"""A verdict as one page, which needs nothing else and no network."""
+"""A verdict as one page."""
 
-import base64
-import io
-from importlib import resources
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
-import jinja2
-from matplotlib import rc_context
+from markupsafe import Markup
 
-from tog_mjx.checks.told.finding import Finding, Level, Verdict
-from tog_mjx.drawing.figures.curves import draw_finding, has_figure
-from tog_mjx.drawing.figures.style import RC
-from tog_mjx.running.storage import atomic_write
+from tog_mjx.drawing.figures.curves import draw_curves, has_figure
+from tog_mjx.drawing.report.page import Picture, Section, Table, write_page
 
-_WORDS = {Level.FINE: "fine", Level.CARE: "care", Level.FAULT: "fault"}
+_DERIVATIVES = (
+    "Value, and derivative by each variable (along a random direction, per unit of its length); last, how large a "
+    "displacement of each was taken for a large one."
+)
 
 
-def write_page(path: Path, title: str, verdict: Verdict) -> None:
-    """Writes the page, atomically."""
-    root = resources.files(__package__)
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    template = environment.from_string(root.joinpath("verdict_page.html").read_text())
-    page = template.render(
-        title=title,
-        verdict=verdict,
-        findings=[(finding, _WORDS[finding.level], _picture(finding)) for finding in verdict.findings],
-        style=root.joinpath("page.css").read_text(),
+def write_verdict(path: Path, title: str, line: str, verdict: Mapping[str, Any]) -> None:
+    """Writes the page, atomically.
+
+    Args:
+      line: the verdict in one line.
+      verdict: as `tog_mjx/checks/told/verdict.schema.json` describes it.
+    """
+    findings = verdict["findings"]
+    checks = Table(
+        ["check", "finding", "what it says"],
+        [[found["check"], found["level"], _told(found)] for found in findings],
+        "All checks, what each found, and what to do.",
+        [found["level"] for found in findings],
     )
-    with atomic_write(path) as file:
-        file.write(page.encode())
+    pictures = [
+        Picture(draw_curves(found["check"], found["curves"]), found["check"], found["sentence"])
+        for found in findings
+        if has_figure(found["check"], found["curves"])
+    ]
+    rows = [
+        [name, _number(value, 6), *(_number(slope) for slope in slopes)]
+        for name, value, slopes in zip(verdict["outputs"], verdict["value"], verdict["gradient"], strict=True)
+    ]
+    rows.append(["scale", "", *(_number(size) for size in verdict["scale"])])
+    gradient = Table(["output", "value", *verdict["variables"]], rows, _DERIVATIVES)
+    sections = [
+        Section("Checks", table=checks),
+        Section("Curves", pictures),
+        Section("The gradient", table=gradient),
+    ]
+    subject, heading = f"{title}: {verdict['subject']}", "Can this gradient be trusted?"
+    write_page(path, f"{title}: {verdict['verdict']}", subject, [line], sections, heading=heading)
 
 
-def _picture(finding: Finding) -> str:
-    """The finding's curves as a data URI, or nothing."""
-    if not has_figure(finding):
-        return ""
-    image = io.BytesIO()
-    with rc_context(RC):
-        draw_finding(finding).savefig(image, format="png", dpi=120)
-    return "data:image/png;base64," + base64.b64encode(image.getvalue()).decode()
+def _told(finding: Mapping[str, Any]) -> str:
+    """Its sentence, and the remedy in a line of its own."""
+    remedy = Markup("<br><strong>Remedy:</strong> {}").format(finding["remedy"]) if finding["remedy"] else ""
+    return Markup("{}").format(finding["sentence"]) + remedy
+
+
+def _number(value: float | None, digits: int = 4) -> str:
+    return "not finite" if value is None else f"{value:.{digits}g}"

@@ -8,9 +8,6 @@ from tog_mjx.drawing.viewing.playback import Live as Live
 from tog_mjx.drawing.viewing.playback import Loop as Loop
 from tog_mjx.drawing.viewing.rendering import Frames as Frames
 from tog_mjx.drawing.viewing.rendering import render as render
-from tog_mjx.drawing.viewing.result import Iterate as Iterate
-from tog_mjx.drawing.viewing.result import read_iterate as read_iterate
-from tog_mjx.drawing.viewing.result import replay as replay
 from tog_mjx.drawing.viewing.shown import Motion as Motion
 from tog_mjx.drawing.viewing.shown import frame_times as frame_times
 from tog_mjx.drawing.viewing.shown import motion_of as motion_of

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from tog_mjx.drawing.figures.basins import draw_basins
 from tog_mjx.drawing.figures.profiles import draw_profiles
 from tog_mjx.engines import SIMULATORS, gradient_charge
+from tog_mjx.paper.outcomes import basins_figure
 from tog_mjx.paper.questions.asymmetry import Asymmetry
 from tog_mjx.paper.questions.quirks import released_quirks
 from tog_mjx.paper.questions.why import Why
@@ -249,7 +249,7 @@ STUDIES: dict[str, Study] = {
         "From where in the landscape's window does exact descent succeed?",
         (basins,),
         (*_COMPARED, "step"),
-        draw_basins,
+        basins_figure,
     ),
     "three_gradients": TracedComparison(
         "Which of the findings depend on the jumps that the exact gradient does not see?",

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.drawing.viewing.shown import Motion
+from tog_mjx.drawing.viewing import Motion
 from tog_mjx.engines import check_names, precision, rollout
 from tog_mjx.mjcf.scene import Scene
 from tog_mjx.paper.comparison import read
@@ -66,8 +66,15 @@ def replay(iterate: Iterate, duration: float | None = None) -> Motion:
         return Motion(np.asarray(motion.time, float), np.asarray(motion.qpos, float))
 
 
-def positions(scene: Scene, box: Float[np.ndarray, "T 6"], fingers: Float[np.ndarray, "T F 4"]) -> np.ndarray:
-    """qpos [T, nq] of a planar scene in the states of its box and fingers."""
-    qpos = np.tile(scene.model.qpos0, (len(box), 1))
-    qpos[:, scene.joints] = np.concatenate([box[:, :3], fingers[:, :, :2].reshape(len(box), -1)], axis=1)
+def poses(box: Float[np.ndarray, "*k 6"], fingers: Float[np.ndarray, "*k F 4"]) -> Float[np.ndarray, "*k c"]:
+    """x, z, theta of the box, then x, z of each finger, of their states."""
+    return np.concatenate([box[..., :3], fingers[..., :2].reshape(*box.shape[:-1], -1)], axis=-1)
+
+
+def positions(
+    scene: Scene, box: Float[np.ndarray, "*k 6"], fingers: Float[np.ndarray, "*k F 4"]
+) -> Float[np.ndarray, "*k nq"]:
+    """qpos of a planar scene in the states of its box and fingers."""
+    qpos = np.tile(scene.model.qpos0, (*box.shape[:-1], 1))
+    qpos[..., scene.joints] = poses(box, fingers)
     return qpos
