@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tog_mjx.running import batches
+from tog_mjx.running import batches, digests
 from tog_mjx.running.batches import CHUNK, map_kept, map_points
 from tog_mjx.running.storage import load_result, save_result
 
@@ -84,7 +84,7 @@ def test_an_equal_function_is_the_same(tmp_path):
 
 def test_what_another_compiler_made_begins_anew(tmp_path, monkeypatch):
     map_kept(row_sum, POINTS, tmp_path / "values.npz")
-    monkeypatch.setattr(batches.jaxlib.version, "__version__", "9.9")
+    monkeypatch.setattr(digests.jaxlib.version, "__version__", "9.9")
     said: list[int] = []
     map_kept(row_sum, POINTS, tmp_path / "values.npz", said.append)
     assert said[-1] == len(POINTS)

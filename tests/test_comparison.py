@@ -9,6 +9,7 @@ from tog_mjx.paper.comparison import Run
 from tog_mjx.paper.gradient_agreement import MJX, Gradients, Piece
 from tog_mjx.running.storage import DamagedFileError, load_result, save_result
 from tog_mjx.solving.descent import Status
+from tog_mjx.solving.record import load_descent
 
 RUN = Run("penalty", "flip", "exact", iterations=2)
 
@@ -54,7 +55,7 @@ def test_a_file_that_is_no_whole_result_is_damaged(
     attributes.pop(attributes_without, None)
     save_result(path, arrays, attributes)
     with pytest.raises(DamagedFileError, match=r"exact\.npz"):
-        comparison.read(path)
+        load_descent(path)
 
 
 def test_a_result_that_does_not_fit_its_settings_is_damaged(descent, tmp_path):

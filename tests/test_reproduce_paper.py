@@ -16,6 +16,7 @@ import pytest
 from tog_mjx.paper import comparison
 from tog_mjx.paper.comparison import Run
 from tog_mjx.running.errors import InputError
+from tog_mjx.solving.record import load_descent
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "reproduce_paper.py"
 QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2", "--landscape", "0"]
@@ -49,7 +50,7 @@ def test_it_writes_results_a_summary_and_a_figure_and_keeps_them(script, tmp_pat
         ("penalty", "flip", "exact"),
         ("penalty", "flip", "stochastic"),
     ]
-    descent, settings = comparison.read(tmp_path / "penalty" / "flip" / "exact.npz")
+    descent, settings = load_descent(tmp_path / "penalty" / "flip" / "exact.npz")
     assert list(summary[0]) == KEYS
     assert summary[0]["cost_best"] == descent.costs.min()
     assert summary[0]["setpoints_best"] == descent.setpoints[descent.best_iteration].tolist()
@@ -92,13 +93,13 @@ def test_the_results_are_those_of_the_library(script, tmp_path):
 def test_a_damaged_result_is_told_and_computed_again(script, tmp_path):
     script(*QUICK, "--method", "exact", "--out", tmp_path)
     path = tmp_path / "penalty" / "flip" / "exact.npz"
-    whole = comparison.read(path)[0]
+    whole = load_descent(path)[0]
     path.write_bytes(path.read_bytes()[:-200])
     status, said, _ = script(*QUICK, "--method", "exact", "--out", tmp_path)
     assert status == 0
     assert "damaged result, computing it again" in said
     assert str(path) in said
-    np.testing.assert_array_equal(comparison.read(path)[0].costs, whole.costs)
+    np.testing.assert_array_equal(load_descent(path)[0].costs, whole.costs)
 
 
 def test_results_that_vanish_while_it_runs_are_told(tmp_path, monkeypatch):

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import numpy as np
 
 from tog_mjx.engines import precision
 from tog_mjx.engines.objective import objective
@@ -21,8 +20,9 @@ from tog_mjx.paper.published import published
 from tog_mjx.paper.tasks import TASKS, Rule, get_task
 from tog_mjx.running.digests import program_digest, scene_digest
 from tog_mjx.running.errors import InputError
-from tog_mjx.running.storage import DamagedFileError, load_result, save_result
+from tog_mjx.running.storage import DamagedFileError
 from tog_mjx.solving.descent import Descent, Status, descend
+from tog_mjx.solving.record import load_descent, save_descent
 
 METHODS = ("exact", "stochastic")
 
@@ -85,13 +85,7 @@ def compute(run: Run, report: Callable[[int], None] | None = None) -> Descent:
 
 def save(run: Run, descent: Descent, out: Path) -> None:
     """Writes a run's result."""
-    arrays = {name: getattr(descent, name) for name in ("costs", "setpoints", "gradients")}
-    outcome = {
-        "status": descent.status.value,
-        "seconds_compile": descent.seconds_compile,
-        "seconds_run": descent.seconds_run,
-    }
-    save_result(run.path(out), arrays, {"settings": run.settings(), **outcome})
+    save_descent(run.path(out), descent, run.settings())
 
 
 def load(run: Run, out: Path) -> Descent:
@@ -101,7 +95,7 @@ def load(run: Run, out: Path) -> Descent:
       FileNotFoundError, DamagedFileError: if there is none, or not a whole one.
       InputError: if the file holds the result of other settings.
     """
-    descent, settings = read(run.path(out))
+    descent, settings = load_descent(run.path(out))
     for name, wanted in run.settings().items():
         if settings.get(name) != wanted:
             is_digest = name in ("scene", "program")
@@ -127,33 +121,6 @@ def load_all(runs: Iterable[Run], out: Path) -> dict[Run, Descent]:
         raise InputError(
             f"{out} has changed while this ran ({error}); the same command makes what is missing"
         ) from None
-
-
-def read(path: Path) -> tuple[Descent, dict[str, Any]]:
-    """The result in a file, and the settings that it was made with.
-
-    Raises:
-      FileNotFoundError, DamagedFileError: if there is none, or not a whole one.
-    """
-    arrays, attributes = load_result(path)
-    try:
-        costs, setpoints, gradients = kept = [arrays[name] for name in ("costs", "setpoints", "gradients")]
-        if any(array.dtype.kind != "f" for array in kept):
-            raise ValueError("costs, setpoints or gradients are not real numbers")
-        if not np.isfinite(setpoints).all():
-            raise ValueError("setpoints are not finite")
-        if not (costs.ndim == 1 and costs.size and np.isfinite(costs).all()):
-            raise ValueError("costs are not one finite number an iterate")
-        if not (setpoints.ndim == 2 and setpoints.shape == gradients.shape and len(setpoints) == len(costs)):
-            raise ValueError("setpoints and gradients are not one row an iterate")
-        seconds = float(attributes["seconds_compile"]), float(attributes["seconds_run"])
-        if not all(0 <= some < np.inf for some in seconds):
-            raise ValueError("seconds are none")
-        settings = dict(attributes["settings"].items())
-        fields: list[Any] = [*kept, Status(attributes["status"]), *seconds]
-        return Descent(*fields), settings
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise DamagedFileError(f"{path}: {error}") from None
 
 
 def summarise(run: Run, descent: Descent) -> dict[str, Any]:

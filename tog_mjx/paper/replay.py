@@ -10,11 +10,11 @@ from jaxtyping import Float
 from tog_mjx.drawing.viewing import Motion
 from tog_mjx.engines import check_names, precision, rollout
 from tog_mjx.mjcf.scene import Scene
-from tog_mjx.paper.comparison import read
 from tog_mjx.paper.tasks import Task, get_task
 from tog_mjx.running.digests import scene_digest
 from tog_mjx.running.errors import InputError
 from tog_mjx.running.storage import DamagedFileError
+from tog_mjx.solving.record import load_descent
 
 
 class Iterate(NamedTuple):
@@ -35,7 +35,7 @@ def read_iterate(path: Path, which: str | int = "best") -> Iterate:
         for an iterate that it lacks.
     """
     try:
-        descent, settings = read(path)
+        descent, settings = load_descent(path)
         task, simulator = get_task(settings["task"]), settings["simulator"]
         check_names(simulator, {})
     except FileNotFoundError:

@@ -1,7 +1,6 @@
 """A function of many points: compiled once for chunks of one size, on all devices, and kept on disk as it goes."""
 
 import contextlib
-import hashlib
 import operator
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -10,11 +9,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import jaxlib.version
 import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.running.devices import agree, is_first_process, over_devices
+from tog_mjx.running.digests import function_digest, lowered
 from tog_mjx.running.storage import DamagedFileError, load_result, of_shapes, save_result
 
 CHUNK = 64
@@ -60,8 +59,8 @@ def map_kept(
     A file of the same function and points is read, and completed where it was left. Others, or a damaged file, begin
     anew.
     """
-    lowered = jax.jit(function).trace(jnp.asarray(points[:1])).lower(lowering_platforms=("cpu",))
-    value, settings = lowered.out_info, {"points": len(points), "digest": _digest(lowered.as_text(), points)}
+    program = lowered(function, jnp.asarray(points[:1]))
+    value, settings = program.out_info, {"points": len(points), "digest": function_digest(program, points)}
     kept = agree(
         _read(path, settings, len(points), value.shape[1:]) if is_first_process() else None,
         value.shape[1:],
@@ -93,12 +92,6 @@ def chunk_size(number: int, chunk: int) -> int:
     most = chunk * devices * (1 if jax.default_backend() == "cpu" else ON_GPU)
     chunks = -(-number // most)
     return devices * -(-number // (chunks * devices))
-
-
-def _digest(program: str, points: np.ndarray) -> str:
-    """SHA-256 of all that the values depend on: the function as what JAX makes of it, on whatever device it will run,
-    its points, and the compiler."""
-    return hashlib.sha256(points.tobytes() + f"{program}{jaxlib.version.__version__}".encode()).hexdigest()
 
 
 def _read(path: Path, settings: Mapping[str, Any], points: int, shape: tuple[int, ...]) -> np.ndarray | None:

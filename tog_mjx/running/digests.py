@@ -1,6 +1,6 @@
-"""What a result was made with: a digest of the scene, and one of the program.
+"""What a result was made with: a digest of the scene and one of the program, or one of a function.
 
-A result that was kept is read again only if both are the same. The program is the module that makes the result, all
+A result that was kept is read again only if they are the same. The program is the module that makes the result, all
 modules of this package that it imports, and theirs, by name: a name that a package only passes on stands for the module
 it comes from. Of the code comments and docstrings do not count.
 """
@@ -9,9 +9,12 @@ import ast
 import functools
 import hashlib
 import importlib.metadata
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
+import jaxlib.version
 import mujoco
 import numpy as np
 
@@ -40,6 +43,20 @@ def scene_digest(model: mujoco.MjModel) -> str:
 def made_with(model: mujoco.MjModel, module: str) -> dict[str, str]:
     """Both digests, for the settings of a result that `module` makes and keeps."""
     return {"scene": scene_digest(model), "program": program_digest(module)}
+
+
+def lowered(function: Callable, *arguments: Any) -> jax.stages.Lowered:
+    """What JAX makes of a function of such arguments: the same on whatever device it will run."""
+    return jax.jit(function).trace(*arguments).lower(lowering_platforms=("cpu",))
+
+
+def function_digest(function: jax.stages.Lowered, *arrays: np.ndarray) -> str:
+    """SHA-256 of all that the values of a `lowered` function depend on, any number in it and its compiler, and of
+    arrays."""
+    digest = hashlib.sha256(f"{function.as_text()}{jaxlib.version.__version__}".encode())
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 @functools.cache
