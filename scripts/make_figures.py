@@ -45,7 +45,9 @@ def main() -> None:
 def parse_arguments():
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--task", choices=[*TASKS, "all"], default="all")
-    parser.add_argument("--simulator", choices=list(SIMULATORS), nargs="+", default=list(SIMULATORS))
+    parser.add_argument(
+        "--engine", "--simulator", dest="simulator", choices=list(SIMULATORS), nargs="+", default=list(SIMULATORS)
+    )
     parser.add_argument(
         "--size",
         type=within(int, 2, GRID_MOST),

@@ -63,7 +63,9 @@ def main() -> None:
 def parse_arguments():
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--task", choices=[*TASKS, "all"], default="all")
-    parser.add_argument("--simulator", choices=list(SIMULATORS), nargs="+", default=list(SIMULATORS))
+    parser.add_argument(
+        "--engine", "--simulator", dest="simulator", choices=list(SIMULATORS), nargs="+", default=list(SIMULATORS)
+    )
     parser.add_argument("--method", choices=METHODS, nargs="+", default=list(METHODS))
     parser.add_argument(
         "--seed", type=within(int, 0, SEEDS), default=0, metavar="N", help="of the stochastic method (published: 0)"
