@@ -37,8 +37,8 @@ def test_best_and_last_differ_when_it_diverges():
     descent = descend(exact(bowl), [0.0, 1.0], step_size=0.6, iterations=5)
     assert descent.best_iteration == 0
     assert descent.costs[-1] > descent.costs[0]
-    np.testing.assert_array_equal(descent.setpoints_best, [0, 1])
-    np.testing.assert_allclose(descent.setpoints_last, [0, (1 - 0.6 * 4) ** 5])
+    np.testing.assert_array_equal(descent.best, [0, 1])
+    np.testing.assert_allclose(descent.last, [0, (1 - 0.6 * 4) ** 5])
 
 
 def test_a_nan_gradient_ends_it_and_the_last_good_iterate_is_kept():

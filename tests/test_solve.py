@@ -26,7 +26,7 @@ def test_it_is_the_method_of_the_studies(differentiation, method, updates):
     descent = tog.solve("flip", budget=100, engine="penalty", differentiation=differentiation)
     found = compute(Cell("flip", "penalty", method, updates, steps=(step_size(tog.get_task("flip"), updates),)))
     np.testing.assert_allclose(descent.costs, found.costs[0], rtol=1e-9)
-    np.testing.assert_allclose(descent.setpoints_best, found.best[0], rtol=1e-9)
+    np.testing.assert_allclose(descent.best, found.best[0], rtol=1e-9)
     assert descent.costs.min() < tog.get_task("flip").success
 
 
@@ -51,7 +51,7 @@ def test_a_function_is_solved_as_the_task_is():
     task, J = tog.get_task("flip"), tog.objective("flip", "penalty")
     own = tog.solve(J, task.initial_guess, budget=100, reach=1.0)
     np.testing.assert_allclose(own.costs, tog.solve(task, budget=100, engine="penalty").costs, rtol=1e-12)
-    np.testing.assert_array_equal(own.setpoints_best, own.setpoints[own.best_iteration])
+    np.testing.assert_array_equal(own.best, own.setpoints[own.best_iteration])
 
 
 def test_a_function_of_a_pytree_comes_back_as_one():
@@ -66,9 +66,9 @@ def test_a_function_of_a_pytree_comes_back_as_one():
     assert (found.setpoints["gain"].shape, found.gradients["offset"].shape) == ((100, 2), (100,))
     np.testing.assert_allclose(np.diff(found.setpoints["gain"][:2], axis=0), [[20, -40]], rtol=1e-5)
     np.testing.assert_allclose(np.diff(found.setpoints["offset"][:2]), [0.02], rtol=1e-5)
-    np.testing.assert_allclose(found.setpoints_best["gain"], target["gain"], rtol=0.01)
-    np.testing.assert_allclose(found.setpoints_best["offset"], 0.5, atol=0.01)
-    assert found.costs.min() == far(found.setpoints_best)
+    np.testing.assert_allclose(found.best["gain"], target["gain"], rtol=0.01)
+    np.testing.assert_allclose(found.best["offset"], 0.5, atol=0.01)
+    assert found.costs.min() == far(found.best)
 
 
 def looped(x):

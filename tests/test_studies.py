@@ -32,8 +32,8 @@ def test_a_cell_is_the_descent_of_the_comparison(table_1):
     descent = compute_run(Run("penalty", "flip", "exact"))
     for member in (0, 2):
         np.testing.assert_allclose(found.costs[member], descent.costs, rtol=1e-9)
-        np.testing.assert_allclose(found.best[member], descent.setpoints_best, rtol=1e-9)
-        np.testing.assert_allclose(found.last[member], descent.setpoints_last, rtol=1e-9)
+        np.testing.assert_allclose(found.best[member], descent.best, rtol=1e-9)
+        np.testing.assert_allclose(found.last[member], descent.last, rtol=1e-9)
 
 
 def test_equal_seeds_have_equal_guesses_whatever_the_method(table_1):

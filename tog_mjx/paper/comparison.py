@@ -135,7 +135,7 @@ def summarise(run: Run, descent: Descent) -> dict[str, Any]:
         "cost_last": float(descent.costs[-1]),
         "cost_best": float(descent.costs[best]),
         "best_iteration": best,
-        "setpoints_best": descent.setpoints_best.tolist(),
+        "setpoints_best": descent.best.tolist(),
         "status": descent.status.value,
         "seconds_compile": descent.seconds_compile,
         "seconds_run": descent.seconds_run,

@@ -71,7 +71,7 @@ def motions_figure(task: Task, simulator: str, setpoints: Mapping[str, np.ndarra
 def best_motions(task: Task, simulator: str, descents: Descents) -> tuple[dict[str, np.ndarray], Motions]:
     """The initial guess and the best setpoints of each method, by title, and the motions under them."""
     setpoints = {"initial guess": task.initial_guess}
-    setpoints |= {f"{method}, best": descent.setpoints_best for method, descent in descents.items()}
+    setpoints |= {f"{method}, best": descent.best for method, descent in descents.items()}
     return setpoints, simulate_many(task, simulator, np.array(list(setpoints.values())), EVERY)
 
 

@@ -48,7 +48,7 @@ def scenario(
         "seconds": motions.time.round(6).tolist(),
         "quantum": QUANTUM,
         "motions": pack(poses(motions.box, motions.fingers)),
-        "view": _view(task, [descent.setpoints_best for descent in descents.values()]),
+        "view": _view(task, [descent.best for descent in descents.values()]),
         "half": physics.box_half.tolist(),
         "radius": physics.finger_radius,
     }

@@ -26,6 +26,6 @@ def optimum(task: Task, law: str) -> tuple[np.ndarray, list[float]]:
             key=jax.random.key(0),
             tolerance=0.0,
         )
-        best = descent.setpoints_best
+        best = descent.best
         judges = [*(objective(task, "penalty", friction=other) for other in LAWS), objective(task, "mjx")]
         return best, [float(judge(best)) for judge in judges]
