@@ -8,6 +8,7 @@ from tog_mjx.gradients.alpha_order import alpha_order as alpha_order
 from tog_mjx.gradients.alpha_order import alpha_order_mix as alpha_order_mix
 from tog_mjx.gradients.alpha_order import bernstein_radius as bernstein_radius
 from tog_mjx.gradients.both_orders import Mix as Mix
+from tog_mjx.gradients.common_starts import common_starts as common_starts
 from tog_mjx.gradients.differences import central_differences as central_differences
 from tog_mjx.gradients.estimator import Estimator as Estimator
 from tog_mjx.gradients.estimator import Objective as Objective

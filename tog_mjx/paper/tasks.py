@@ -7,7 +7,7 @@ u [K * 2F] holds those of the first knot, then those of the second, ...; see `to
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -40,6 +40,12 @@ class Task(Problem):
     budget: int
     window: tuple[tuple[float, float], tuple[float, float]]
     mirrored: bool = False
+    in_float64: ClassVar[bool] = True
+
+    @property
+    def reach(self) -> float:
+        """The longer side of the window."""
+        return max(high - low for low, high in self.window)
 
     @property
     def plane(self) -> Plane:

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -60,6 +60,8 @@ class Problem:
     bounds: tuple[Numbers, Numbers] | None = None
     guess: Numbers | None = None
     success: float | None = None
+    in_float64: ClassVar[bool] = False
+    """Whether `tog.solve` leaves JAX's x64 flag aside."""
 
     def __post_init__(self):
         require_whole("steps", self.steps, 1)
@@ -155,6 +157,11 @@ class Problem:
         if not (low <= high).all():
             raise InputError(f"the least {self.bound.names[int((low > high).argmax())]} is above the largest")
         return low, high
+
+    @property
+    def reach(self) -> Any:
+        """How far a descent may move each variable [n], or all of them: a large change of it, unless told otherwise."""
+        return self.bound.scale
 
     @property
     def plane(self) -> Plane:

@@ -38,6 +38,8 @@ class Descent(NamedTuple):
 
     Where what is varied is a pytree, these two are such pytrees, with the axis [k + 1] before those of each leaf.
     Every recorded cost is finite: the last iterate is the last good one. Seconds are wall time, compilation apart.
+    `held_out` [k + 1] is of a problem with many starts, each of whose costs is that of its own draw: mean costs on
+    starts that no update has seen, the same for all iterates that were judged, infinite where a motion is; else NaN.
     """
 
     costs: np.ndarray
@@ -46,6 +48,7 @@ class Descent(NamedTuple):
     status: Status
     seconds_compile: float
     seconds_run: float
+    held_out: np.ndarray | None = None
 
     @property
     def iterations(self) -> int:
@@ -54,8 +57,8 @@ class Descent(NamedTuple):
 
     @property
     def best_iteration(self) -> int:
-        """The first iterate of least cost."""
-        return int(self.costs.argmin())
+        """The first iterate of least cost, on the held-out starts if there are any."""
+        return int(self.costs.argmin() if self.held_out is None else np.nanargmin(self.held_out))
 
     @property
     def last(self) -> Any:
@@ -64,18 +67,8 @@ class Descent(NamedTuple):
 
     @property
     def best(self) -> Any:
-        """The best iterate [n], of cost `costs.min()`."""
+        """The best iterate [n], of cost `costs[best_iteration]`."""
         return jax.tree.map(lambda all_: all_[self.best_iteration], self.setpoints)
-
-    @property
-    def setpoints_last(self) -> Any:
-        """The older name of `last`."""
-        return self.last
-
-    @property
-    def setpoints_best(self) -> Any:
-        """The older name of `best`."""
-        return self.best
 
 
 class _Loop(NamedTuple):

@@ -14,21 +14,20 @@ jumps.
 Nothing here knows of a symmetry, or of the goal.
 """
 
-import functools
+import contextlib
 from collections.abc import Callable
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 import optax
 from jaxtyping import Array, Float
 
-from tog_mjx.checks.measured.modes import REFUSED
-from tog_mjx.engines import check_names, gradient_charge, precision
-from tog_mjx.engines.objective import objective
-from tog_mjx.gradients import exact
-from tog_mjx.paper.tasks import Task, get_task
+from tog_mjx.engines import Objective, gradient_charge, objective, precision
+from tog_mjx.gradients import common_starts, exact
+from tog_mjx.gradients.reversible import unless_refused
+from tog_mjx.problems.library import get_problem
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.starts import Starts
 from tog_mjx.running.errors import InputError, require_kind
@@ -36,13 +35,14 @@ from tog_mjx.running.pytrees import variables
 from tog_mjx.running.types import AnyArray, Scalar
 from tog_mjx.running.user_code import call, real
 from tog_mjx.solving.descent import Descent, descend
+from tog_mjx.solving.held_out import SHARE, judge
 
 CHARGE = 4.0
 """Evaluations of J that a gradient of any function counts as: what those of the simulators take."""
 
 
 def solve(
-    problem: str | Task | Problem | Callable[[Any], Scalar],
+    problem: str | Problem | Callable[[Any], Scalar],
     guess: Any = None,
     *,
     budget: int | float = 1000,
@@ -52,20 +52,23 @@ def solve(
     differentiation: str | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Descent:
-    """Descends on a function J, or on a task's cost; take `setpoints_best` of the record.
+    """Descends on a function J, or on a task's cost; take `best` of the record.
+
+    Of a problem with `Starts` each update draws others, so a recorded cost is that of its draw. What is best is judged
+    on held-out starts: `SHARE` of the budget simulates eleven iterates on those, see `Descent.held_out`. The rule is
+    then `rule_of_many`.
 
     Args:
       problem: a JAX function J of a vector or a pytree, whose value is a number; it runs in the precision of JAX's x64
-        flag as it stands. Or "flip", "grasp" or a Task, with any number of knots. Or a Problem: of one with `Starts`
-        each update draws others, and the recorded costs are theirs.
+        flag as it stands. Or a Problem, or the name of one: "flip" or "grasp".
       guess: where to begin, a vector [n] or any pytree of arrays; in the record, setpoints and gradients are then such
         pytrees, each leaf with an axis of iterates before its own. Of a task, initial setpoints [K * 2F] in m; the
         default is the task's.
       budget: evaluations of J, of which a gradient takes `CHARGE`; of a task `GRADIENT_CHARGE` of its simulator, or
         `SALTATION_CHARGE`.
       reach: how far the answer may lie from the guess, in the units of the variables: all updates together can move
-        each of them by twice as much. None: as far as a variable is from zero, and at least 1; of a task, the
-        longer side of its window.
+        each of them by twice as much, and where starts are drawn by as much. None: as far as a variable is from zero,
+        and at least 1; of a task, the longer side of its window.
       engine: of a task or a problem: "mjx" (if None), "penalty" or "released". `simulator` is its older name.
       differentiation: of a task or a problem: which gradient to follow, an option of the simulator; None is its own,
         the derivative between two jumps of the motion. That succeeds at least as often on both tasks, with any number
@@ -85,41 +88,34 @@ def solve(
         if not 0 < reach < float("inf"):
             raise InputError(f"reach is {reach}: give a positive number, in the units of the variables")
     engine = engine or simulator
-    if isinstance(problem, Problem):
-        return _solve_problem(problem, guess, budget, reach, engine or "mjx", differentiation, report)
     if callable(problem):
         if engine or differentiation:
             raise InputError("engine and differentiation are a task's; a function of your own has its own")
-        return _solve_function(problem, guess, budget, reach, report)
-    task = get_task(problem)
-    if isinstance(guess, Real):
-        raise InputError(f"the guess is {guess}: give setpoints; a budget is given by its name, budget={guess}")
+        return _descend(_function(problem, guess), budget, reach, report)
     engine = engine or "mjx"
-    options: dict[str, Any] = {"differentiation": differentiation} if differentiation else {}
-    check_names(engine, options)
-    gradients = _gradients(budget, gradient_charge(engine, differentiation), engine)
-    with precision(engine):
-        return descend(
-            exact(objective(task, engine, **options)),
-            task.initial_guess if guess is None else guess,
-            rule=update_rule(step_size(task, gradients) if reach is None else 2 * reach / gradients),
-            iterations=gradients - 1,
-            report=report,
-        )
+    problem = get_problem(problem)
+    with precision(engine) if problem.in_float64 else contextlib.nullcontext():
+        return _descend(_scene(problem, guess, engine, differentiation), budget, reach, report)
 
 
-def _solve_function(
-    function: Callable[[Any], Scalar],
-    guess: Any,
-    budget: int | float,
-    reach: int | float | None,
-    report: Callable | None,
-) -> Descent:
+class _Given(NamedTuple):
+    """What to descend on: J, a guess [n], how far it may go, and the evaluations that a gradient takes; J once more
+    if it `draws` starts."""
+
+    name: str
+    J: Callable[..., Scalar]
+    guess: Any
+    far: float | Float[np.ndarray, " n"]
+    charge: float
+    draws: Objective | None = None
+    limits: tuple[AnyArray, AnyArray] = (np.array(-np.inf), np.array(np.inf))
+    restore: Callable[[AnyArray], Any] = lambda rows: rows
+
+
+def _function(function: Callable[[Any], Scalar], guess: Any) -> _Given:
     if guess is None:
         raise InputError("a function has no guess of its own; give one, a vector or a pytree")
     name, given = getattr(function, "__name__", "the objective"), variables(guess, "the guess")
-    gradients = _gradients(budget, CHARGE, name)
-    far = np.maximum(np.abs(given.point), 1.0) if reach is None else reach
 
     def number(u: Float[Array, " n"]) -> Float[Array, ""]:
         found = real(name, call(f"{name} fails", function, given.restore(u)), "one number")
@@ -127,64 +123,72 @@ def _solve_function(
             raise InputError(f"{name} returns an array of shape {list(found.shape)}; give one number")
         return found.reshape(())
 
-    try:
-        rule = update_rule(2 * far / gradients)
-        found = descend(exact(number), given.point, rule=rule, iterations=gradients - 1, report=report)
-    except ValueError as error:
-        if REFUSED not in str(error):
-            raise
-        told = f"{name} cannot be differentiated in reverse mode: there is a loop of unknown length in it"
-        raise InputError(f"{told}; use jax.lax.scan, and tog.step in place of mjx.step") from error
-    setpoints, slopes = given.restore(found.setpoints), given.restore(found.gradients)
-    return found._replace(setpoints=setpoints, gradients=slopes)
+    return _Given(name, number, given.point, np.maximum(np.abs(given.point), 1.0), CHARGE, restore=given.restore)
 
 
-def _solve_problem(
-    problem: Problem,
-    guess: Any,
-    budget: int | float,
-    reach: int | float | None,
-    engine: str,
-    differentiation: str | None,
-    report: Callable | None,
-) -> Descent:
-    """In the precision of JAX's x64 flag; x stays within its bounds."""
-    options: dict[str, Any] = {"differentiation": differentiation} if differentiation else {}
-    J = objective(problem, engine, **options)
-    starts = problem.start if isinstance(problem.start, Starts) else None
-    charge = gradient_charge(engine, differentiation) * (starts.count if starts else 1)
-    gradients = _gradients(budget, charge, f"{problem.scene.name} on {engine}")
-    low, high = problem.limits
+def _scene(problem: Problem, guess: Any, engine: str, differentiation: str | None) -> _Given:
+    if isinstance(guess, Real):
+        raise InputError(f"the guess is {guess}: give a vector; a budget is given by its name, budget={guess}")
+    J = objective(problem, engine, **({"differentiation": differentiation} if differentiation else {}))
+    x = jnp.clip(problem.check(problem.x0 if guess is None else guess), *problem.limits)
+    charge = gradient_charge(engine, differentiation)
+    given = _Given(f"{problem.name} on {engine}", J, x, problem.reach, charge, limits=problem.limits)
+    if isinstance(problem.start, Starts):
+        return given._replace(draws=J, charge=charge * problem.start.count)
+    return given
 
-    def estimate(key: Array, x: Float[Array, " n"]) -> tuple[Array, Array]:
-        return exact(functools.partial(J, key=key) if starts else J)(key, x)
+
+def _descend(given: _Given, budget: int | float, reach: int | float | None, report: Callable | None) -> Descent:
+    judging = SHARE * budget if given.draws else 0.0
+    if not given.charge <= budget - judging < float("inf"):
+        rest = f", beside the {SHARE:.0%} of it that judge" if given.draws else ""
+        raise InputError(
+            f"budget is {budget}: one gradient of {given.name} takes {given.charge} evaluations{rest}; give more"
+        )
+    gradients = int((budget - judging) / given.charge)
+    step = 2 * (given.far if reach is None else reach) / gradients
+    rule = rule_of_many(step, gradients) if given.draws else update_rule(step)
+    if np.isfinite(given.limits).any():
+        rule = optax.chain(rule, _within(*given.limits))
+    estimate = common_starts(exact, given.J) if given.draws else exact(given.J)
+    found = unless_refused(
+        lambda: descend(estimate, given.guess, rule=rule, iterations=gradients - 1, report=report)
+    )
+    if found is None:
+        told = f"{given.name} cannot be differentiated in reverse mode: there is a loop of unknown length in it"
+        raise InputError(f"{told}; use jax.lax.scan, and tog.step in place of mjx.step")
+    if given.draws:
+        found = judge(found, given.draws, judging)
+    return found._replace(setpoints=given.restore(found.setpoints), gradients=given.restore(found.gradients))
+
+
+def _within(low: Float[AnyArray, " n"], high: Float[AnyArray, " n"]) -> optax.GradientTransformation:
+    """Cuts an update where it would leave the bounds."""
 
     def stay(updates: Any, state: Any, x: Any = None) -> tuple[Any, Any]:
         return jnp.clip(x + updates, low, high) - x, state
 
-    rule = update_rule(2 * (problem.bound.scale if reach is None else reach) / gradients)
-    within = optax.GradientTransformation(lambda _: optax.EmptyState(), stay)
-    return descend(
-        estimate,
-        jnp.clip(problem.check(problem.x0 if guess is None else guess), low, high),
-        rule=optax.chain(rule, within),
-        iterations=gradients - 1,
-        report=report,
-    )
+    return optax.GradientTransformation(lambda _: optax.EmptyState(), stay)
 
 
-def _gradients(budget: int | float, charge: float, whose: str) -> int:
-    """How many the budget pays for."""
-    if not charge <= budget < float("inf"):
-        raise InputError(f"budget is {budget}: one gradient of {whose} takes {charge} evaluations; give more")
-    return int(budget / charge)
-
-
-def step_size(task: Task, updates: int) -> float:
-    """Metres a variable moves in one of so many updates: all together span twice the longer side of the window."""
-    return 2 * max(high - low for low, high in task.window) / updates
+def step_size(problem: Problem, updates: int) -> Any:
+    """How far a variable moves in one of so many updates: all together span twice the problem's reach."""
+    return 2 * problem.reach / updates
 
 
 def update_rule(step: Float[AnyArray, "..."] | float) -> optax.GradientTransformation:
     """Adam with a memory of about 20 updates; `step` is one number, or one for each variable."""
     return optax.adam(jnp.asarray(step), b1=0.9, b2=0.95)
+
+
+def rule_of_many(step: Float[AnyArray, "..."] | float, updates: int) -> optax.GradientTransformation:
+    """For costs whose starts differ from update to update: as `update_rule`, with gradients whose norm is cut at 1, for
+    one start may touch where others do not, and a step that falls to nothing as a cosine does.
+
+    Measured on the closed loops of scripts/findings (`penalty`, 32,000 evaluations, eight policies each, success on 256
+    new starts). The last policy grasps in 74 % (mean over policies), with `update_rule` in 62 %; the best one on
+    held-out starts in 99 % with both, at a J of at most 0.06 for 0.14. Both flip in 98 %. Half the step, and a
+    quarter of it, grasp in 96 and 94 %; gradients all of one norm, or each start's cut at 1, were no better.
+    """
+    fall = optax.cosine_decay_schedule(1.0, updates)
+    return optax.chain(optax.clip_by_global_norm(1.0), update_rule(step), optax.scale_by_schedule(fall))
