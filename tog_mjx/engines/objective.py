@@ -11,16 +11,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Key
 
 from tog_mjx.engines.engine import Engine, check_engine, make_engine, on_plane
-from tog_mjx.engines.loop import Loop
 from tog_mjx.engines.simulator import Simulator
 from tog_mjx.problems.library import get_problem
-from tog_mjx.problems.problem import Cost, Problem
+from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.starts import Starts
 from tog_mjx.problems.state import State
 from tog_mjx.running.errors import InputError, require_whole
 from tog_mjx.running.types import Numbers, Scalar
-from tog_mjx.running.user_code import call, real
-from tog_mjx.stepping.mjx_state import MOVING
+from tog_mjx.running.user_code import number
+from tog_mjx.stepping import loop
+from tog_mjx.stepping.mjx_state import START
 
 
 class Motion(NamedTuple):
@@ -82,7 +82,7 @@ class _Program:
 
     def __init__(self, problem: Problem, engine: Engine, checkpoint: int | None = None):
         self.problem, self.engine, self._checkpoint = problem, engine, checkpoint
-        self.origin = {name: getattr(engine.origin, name) for name in MOVING}
+        self.origin = {name: getattr(engine.origin, name) for name in START}
         self.costs = jax.jit(self._costs, static_argnums=2)
         self.motion = jax.jit(self._motions)
 
@@ -104,11 +104,11 @@ class _Program:
 
     def _running(self, state: State) -> Scalar | None:
         cost = self.problem.running_cost
-        return _number(cost, "running_cost", state) if cost else None
+        return number("running_cost", cost, state) if cost else None
 
     def _total(self, last: State, running: Float[Array, " steps"] | None) -> Scalar:
         total = jnp.zeros(()) if running is None else running.mean()
-        return total + _number(self.problem.cost, "cost", last) if self.problem.cost else total
+        return total + number("cost", self.problem.cost, last) if self.problem.cost else total
 
     def _costs(self, x: Array, key: Key[Array, ""], count: int | None) -> Float[Array, " count"]:
         return self._from_starts(functools.partial(self.cost, x), key, count)
@@ -131,24 +131,18 @@ class _Program:
         return jax.vmap(one)(placed, fields)
 
     def _roll(self, x: Array, model: Any, start: dict[str, Array], watch: Callable) -> tuple[State, Any]:
-        bound, ctrl = self.problem.bound, self.engine.origin.ctrl
+        bound, engine, ctrl = self.problem.bound, self.engine, self.engine.origin.ctrl
         model, start = bound.place(x, model, start)
-        loop = Loop(
-            step=functools.partial(self.engine.step, model),
-            state=functools.partial(self.engine.state, model),
-            controls=bound.controls(x) if bound.controls else ctrl,
-            every=bound.every,
-            watch=watch,
-        )
-        now, seen = loop.run((self.engine.begin(model, start), ctrl), self.problem.steps, self._checkpoint)
-        return loop.state(*now), seen
+        given = bound.controls(x) if bound.controls else ctrl
 
+        def step(carry: Any, ctrl: Array) -> tuple[Any, Any]:
+            carry, state = engine.step(model, carry, ctrl)
+            return carry, watch(state)
 
-def _number(cost: Cost, what: str, state: State) -> Scalar:
-    found = real(what, call(f"{what} fails", cost, state), "one number")
-    if found.shape != ():
-        raise InputError(f"{what} returns an array of shape {list(found.shape)}; give one number")
-    return found
+        controls = (lambda *now: given(engine.state(model, *now))) if callable(given) else given
+        now = engine.begin(model, start), ctrl
+        now, seen = loop.run(step, controls, now, self.problem.steps, bound.every, self._checkpoint)
+        return engine.state(model, *now), seen
 
 
 @functools.lru_cache(maxsize=64)

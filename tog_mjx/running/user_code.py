@@ -1,6 +1,7 @@
 """A user's own code: where it fails that is bad input, told in one line, after its own lines in which it happened."""
 
 import importlib
+import operator
 import os
 import runpy
 import sys
@@ -16,7 +17,6 @@ import jaxtyping
 import mujoco
 from jaxtyping import Array
 
-from tog_mjx.mjcf.fields import attribute
 from tog_mjx.running import errors
 from tog_mjx.running.errors import InputError
 
@@ -54,7 +54,7 @@ def load(what: str, name: str) -> Callable:
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)
-    found = call(f"{what} {name!r} cannot be imported", lambda: attribute(_module(module), function))
+    found = call(f"{what} {name!r} cannot be imported", lambda: operator.attrgetter(function)(_module(module)))
     if not callable(found):
         raise InputError(f"{what} {name!r} is no function but a {type(found).__name__}")
     return found
@@ -83,6 +83,18 @@ def real(what: str, value: Any, wanted: str) -> Array:
     if not jnp.issubdtype(array.dtype, jnp.floating):
         raise InputError(f"{what} returns {array.dtype}, which has no derivative; give {wanted}")
     return array
+
+
+def number(what: str, function: Callable, *args: Any) -> Array:
+    """`function(*args)`, a real number [].
+
+    Raises:
+      InputError: of `what`, if it fails or returns none.
+    """
+    found = real(what, call(f"{what} fails", function, *args), "one number")
+    if found.size != 1:
+        raise InputError(f"{what} returns an array of shape {list(found.shape)}; give one number")
+    return found.reshape(())
 
 
 def own_lines(error: BaseException | None) -> str:

@@ -151,9 +151,7 @@ def _descend(given: _Given, budget: int | float, reach: int | float | None, repo
     if np.isfinite(given.limits).any():
         rule = optax.chain(rule, _within(*given.limits))
     estimate = common_starts(exact, given.J) if given.draws else exact(given.J)
-    found = unless_refused(
-        lambda: descend(estimate, given.guess, rule=rule, iterations=gradients - 1, report=report)
-    )
+    found = unless_refused(lambda: descend(estimate, given.guess, rule=rule, iterations=gradients - 1, report=report))
     if found is None:
         told = f"{given.name} cannot be differentiated in reverse mode: there is a loop of unknown length in it"
         raise InputError(f"{told}; use jax.lax.scan, and tog.step in place of mjx.step")

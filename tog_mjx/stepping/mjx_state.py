@@ -19,8 +19,11 @@ MOVING = ("qpos", "qvel", "act")
 """The part of the state that has derivatives."""
 STATE = ("time", *MOVING, "qacc_warmstart")
 """What a time step passes on. The warm start [nv] is where the solver starts, never where it ends."""
-INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", "mocap_pos", "mocap_quat", "eq_active")
+MOCAP = ("mocap_pos", "mocap_quat")
+INPUTS = ("ctrl", "qfrc_applied", "xfrc_applied", *MOCAP, "eq_active")
 """What it is given."""
+START = (*MOVING, *MOCAP)
+"""What a motion may be started with, beside its controls."""
 
 
 def state_of(data: mjx.Data) -> dict[str, Array]:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx.running.errors import InputError, require_choice, require_kind, require_whole
 from tog_mjx.running.types import Scalar
-from tog_mjx.stepping import randomised
+from tog_mjx.stepping import loop, randomised
 from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.implicit import STEPS, sensed
 from tog_mjx.stepping.mjx_state import require_on_mjx, require_state, state_of
@@ -71,44 +71,25 @@ def simulate(
     if data.qpos.ndim == 2:
         return _simulate_batch(model, data, controls, steps, differentiation, observe, checkpoint)
     require_state(model, data)
-    control, rows = _controls(model, controls, steps)
 
-    def advance(state: dict[str, Array], row: Array | None) -> tuple[dict[str, Array], Any]:
-        before = data.replace(**state)
-        after = STEPS[differentiation](model, before.replace(ctrl=control(before, row)))
-        return {**state_of(after), "ctrl": after.ctrl}, observe(after)
+    def advance(state: dict[str, Array], ctrl: Array) -> tuple[dict[str, Array], Any]:
+        after = STEPS[differentiation](model, data.replace(**state, ctrl=ctrl))
+        return state_of(after), observe(after)
 
-    state = {**state_of(data), "ctrl": data.ctrl}
-    if checkpoint is None:
-        state, observations = jax.lax.scan(advance, state, rows, length=steps)
-    else:
-        segments = steps // checkpoint
-        fold = jax.tree.map(lambda x: x.reshape(segments, checkpoint, *x.shape[1:]), rows)
-        segment = jax.checkpoint(lambda state, rows: jax.lax.scan(advance, state, rows, length=checkpoint))
-        state, observations = jax.lax.scan(segment, state, fold, length=segments)
-        observations = jax.tree.map(lambda x: x.reshape(steps, *x.shape[2:]), observations)
-    return data.replace(**state), observations
+    def ask(state: dict[str, Array], ctrl: Array) -> Array:
+        before = data.replace(**state, ctrl=ctrl)
+        found = _array("controls(state, time) returns", policy(sensed(model, before), before.time), model, before)
+        if found.shape != (model.nu,):
+            raise InputError(f"controls(state, time) returns an array of shape {found.shape}; give [{model.nu}]")
+        return found
 
-
-def _controls(
-    model: mjx.Model, controls: Array | Policy, steps: int
-) -> tuple[Callable[[mjx.Data, Array | None], Array], Array | None]:
-    """The controls of a step as a function of the data before it and of the step's row, and all rows, if any."""
+    policy: Any = controls
     if callable(controls):
-
-        def ask(before: mjx.Data) -> Array:
-            found = _array("controls(state, time) returns", controls(sensed(model, before), before.time), model, before)
-            if found.shape != (model.nu,):
-                raise InputError(f"controls(state, time) returns an array of shape {found.shape}; give [{model.nu}]")
-            return found
-
-        again = jax.checkpoint(ask, prevent_cse=False)  # Else reverse mode keeps what follows from every state.
-        return lambda before, _: again(before), None
-    if controls.shape == (model.nu,):
-        return lambda *_: controls, None
-    if controls.shape == (steps, model.nu):
-        return lambda _, row: row, controls
-    raise InputError(f"controls have shape {controls.shape}; give [{model.nu}] or [{steps}, {model.nu}]")
+        controls = jax.checkpoint(ask, prevent_cse=False)  # Else reverse mode keeps what follows from every state.
+    elif controls.shape not in ((model.nu,), (steps, model.nu)):
+        raise InputError(f"controls have shape {controls.shape}; give [{model.nu}] or [{steps}, {model.nu}]")
+    (state, ctrl), observations = loop.run(advance, controls, (state_of(data), data.ctrl), steps, checkpoint=checkpoint)
+    return data.replace(**state, ctrl=ctrl), observations
 
 
 def _array(what: str, given: Any, model: mjx.Model, data: mjx.Data) -> Array:

@@ -17,7 +17,7 @@ from tog_mjx.engines.engine import on_plane
 from tog_mjx.mjcf.contact import PenaltyLaw
 from tog_mjx.problems import Problem
 from tog_mjx.running.types import Scalar
-from tog_mjx.stepping.mjx_state import MOVING
+from tog_mjx.stepping.mjx_state import START
 
 _COMPILE = ("-O3", "-march=native", "-ffast-math", "-fopenmp", "-fPIC", "-c")
 # Without -ffast-math: a library linked with it makes the processor flush subnormal numbers to zero, for everybody.
@@ -30,7 +30,7 @@ def python_loop(task: Problem, simulator: Simulator, steps: int) -> Callable[[ja
     engine = on_plane(task, simulator)
 
     def cost(u: jax.Array) -> Scalar:
-        carry = engine.begin(engine.model, {name: getattr(engine.origin, name) for name in MOVING})
+        carry = engine.begin(engine.model, {name: getattr(engine.origin, name) for name in START})
         for _ in range(steps):
             carry, _ = engine.step(engine.model, carry, u)
         return task.cost(engine.state(engine.model, carry, u))
