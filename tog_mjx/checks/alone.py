@@ -21,13 +21,13 @@ import mujoco
 from tog_mjx.checks.file.preflight import preflight
 from tog_mjx.checks.scene_verdict import check_scene
 from tog_mjx.checks.told.finding import Finding
-from tog_mjx.mjcf.keyframes import keyframe_start
 from tog_mjx.mjcf.scene import compile_model
 from tog_mjx.running.console import run_main
 from tog_mjx.running.digests import program_digest
 from tog_mjx.running.errors import InputError
 from tog_mjx.running.storage import save_json
 from tog_mjx.stepping._mjx import contacts, make_data, put_model
+from tog_mjx.stepping.mjx_state import default_start
 
 COLUMNS = ("nq", "nv", "nu", "contacts", "verdict", "check", "sentence", "seconds", "peak_mb")
 """Of a result: sizes of the model; the verdict, or one of the words below; the check that weighs most and its sentence;
@@ -144,7 +144,7 @@ def _check(path: Path, result: Path, steps: int, quick: bool) -> None:
     try:
         model = compile_model(path)
         found |= {"nq": model.nq, "nv": model.nv, "nu": model.nu}
-        start = keyframe_start(model)
+        start = default_start(model)
         if not any(remark.blocks for remark in preflight(model, path, start)):
             found["contacts"] = contacts(make_data(put_model(model))).distance.size
         verdict = check_scene(model, start, steps=steps, path=path, quick=quick, report=say)

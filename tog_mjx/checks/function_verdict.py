@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.checks.measured.agreement import agreement, sweep
-from tog_mjx.checks.measured.estimators import compare_estimators, steepest
-from tog_mjx.checks.measured.jumps import find_jumps, judge_jumps, lacks
-from tog_mjx.checks.measured.modes import compare_modes
+from tog_mjx.checks.measured.estimators import which_to_follow
+from tog_mjx.checks.measured.jumps import find_jumps, judge_jumps
+from tog_mjx.checks.measured.modes import reverse
 from tog_mjx.checks.measured.second_order import second_order as check_second_order
 from tog_mjx.checks.measured.single import judge_single
 from tog_mjx.checks.measured.zeros import zeros
-from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict
+from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict, reported
 from tog_mjx.engines.objective import objective as problem_objective
 from tog_mjx.problems.problem import Problem
 from tog_mjx.running.errors import InputError, require_kind
@@ -89,31 +89,17 @@ def check(
         "finite": lambda: _finite(value, slopes),
         "zeros": lambda: zeros(slopes, differences, names, outputs),
         "agreement": lambda: judge_jumps(agreement(slopes, differences), slopes, jumps, names, outputs, scale=lengths),
-        "reverse mode": lambda: _reverse(flat, point, directions, slopes),
+        "reverse mode": lambda: reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }
     if second_order:
         checks["second order"] = lambda: check_second_order(flat, point, directions)
     if estimators:
-        missed = lacks(slopes, jumps)
-        i = jumps.entry[0] if jumps and missed else steepest(slopes)
-        lowered = lambda z: flat(point + scale * z)[i]  # noqa: E731
-        checks["estimators"] = lambda: compare_estimators(
-            lambda points: np.asarray(batch(point + scale * points), float)[:, i],
-            lowered,
-            point.size,
-            outputs[i] if value.size > 1 else "it",
-            missed,
-        )
-    findings = []
-    for some, run in checks.items():
-        say(some, None)
-        findings.append(run())
-        say(some, findings[-1])
+        lowered = outputs if value.size > 1 else ("it",)
+        checks["estimators"] = lambda: which_to_follow(values, flat, point, scale, slopes, jumps, lowered)
+    findings = tuple(reported(some, run, say) for some, run in checks.items())
     subject = f"{name} in {point.size} variables"
-    return Verdict(
-        subject, tuple(findings), names, outputs, value.tolist(), (slopes / lengths).tolist(), lengths.tolist()
-    )
+    return Verdict(subject, findings, names, outputs, value.tolist(), (slopes / lengths).tolist(), lengths.tolist())
 
 
 def directions_at(
@@ -157,15 +143,6 @@ def _finite(value: Float[np.ndarray, " m"], slopes: Float[np.ndarray, "m k"]) ->
             remedy = "look for a root, a norm, a power or a quotient at zero: select before you divide"
             return Finding("finite", Level.FAULT, sentence, float(bad), remedy)
     return Finding("finite", Level.FINE, "value and gradient are finite")
-
-
-def _reverse(
-    function: Function, x: Float[np.ndarray, " n"], directions: Float[np.ndarray, "n k"], slopes: np.ndarray
-) -> Finding:
-    """Reverse mode along a fixed random cotangent, against forward mode."""
-    weights = np.random.default_rng(0).normal(size=len(slopes))
-    gradient = jax.jit(jax.grad(lambda x: function(x) @ weights))
-    return compare_modes(lambda: gradient(jnp.asarray(x)), directions, weights @ slopes)
 
 
 def _precision(

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import jax
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 
@@ -12,7 +11,7 @@ from tog_mjx.checks.file.preflight import preflight
 from tog_mjx.checks.function_verdict import directions_at
 from tog_mjx.checks.measured.agreement import agreement, between_jumps, sweep
 from tog_mjx.checks.measured.cost import cost
-from tog_mjx.checks.measured.estimators import compare_estimators, steepest
+from tog_mjx.checks.measured.estimators import which_to_follow
 from tog_mjx.checks.measured.jumps import Jumps, find_jumps, judge_jumps, lacks
 from tog_mjx.checks.measured.modes import differentiation, reverse
 from tog_mjx.checks.measured.parity import parity
@@ -21,8 +20,9 @@ from tog_mjx.checks.measured.stages import contacts, finite, growth, untouched
 from tog_mjx.checks.measured.touch_down import touch_down
 from tog_mjx.checks.measured.variants import precision, solver, stiffness, time_step
 from tog_mjx.checks.measured.zeros import cancelled, zeros
+from tog_mjx.checks.step_check import compile_quickly
 from tog_mjx.checks.told.failure import failure
-from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict
+from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict, reported
 from tog_mjx.mjcf.followers import Origin, compiled
 from tog_mjx.mjcf.scene import require_time_step
 from tog_mjx.problems.scene_function import SceneFunction
@@ -99,9 +99,7 @@ def check_scene(
             simulation = Simulation(scene, directions)
             motion = simulation.run()
             for name, check in _checks(simulation, motion, names, findings, quick, estimators):
-                say(name, None)
-                findings.append(check())
-                say(name, findings[-1])
+                findings.append(reported(name, check, say))
         except InputError:
             raise
         except Exception as error:
@@ -133,17 +131,22 @@ def _checks(
 
     Nothing else means anything where the gradient is not finite.
     """
+    scene, at = simulation.scene, np.zeros(len(simulation.directions))
+
+    def compare(jumps: Jumps | None) -> Finding:
+        names = scene.outputs
+        return which_to_follow(simulation.values, simulation.value, at, scene.scale, motion.slopes, jumps, names)
+
     yield "finite", lambda: finite(motion)
-    has_rival = simulation.scene.differentiation != "saltation"  # Stock MJX has no gradient with jumps.
+    has_rival = scene.differentiation != "saltation"  # Stock MJX has no gradient with jumps.
     if not np.isfinite(motion.slopes).all():
         if has_rival and not quick:
             yield "differentiation", lambda: differentiation(simulation, motion)
         if estimators:
-            yield "estimators", lambda: _estimators(simulation, motion, None)
+            yield "estimators", lambda: compare(None)
         return
     yield "solver", lambda: solver(simulation, motion)
-    scene, n = simulation.scene, simulation.scene.size
-    differences = sweep(simulation.values, np.zeros(n), simulation.directions)
+    differences = sweep(simulation.values, at, simulation.directions)
     follows = scene.x.parameter is not None and len(scene.x.parameter.arrays) > 1
     if follows and (nothing := cancelled(motion.slopes, differences, motion.value, names)):
         yield "zeros", lambda: nothing
@@ -153,10 +156,10 @@ def _checks(
         return
     unreached = lambda: untouched(simulation, motion)  # noqa: E731
     kin, unused = (scene.kin, scene.unused) if names == scene.variables else (None, None)  # Directions are of all.
-    args = motion.slopes, differences, names, scene.outputs, scene.bodies, unreached, kin, unused
-    yield "zeros", lambda: zeros(*args)
+    outputs = scene.outputs, scene.bodies
+    yield "zeros", lambda: zeros(motion.slopes, differences, names, *outputs, unreached, kin, unused)
     yield "growth", lambda: growth(simulation, motion)  # Before what it is the cause of.
-    jumps = find_jumps(simulation.values, np.zeros(n), simulation.directions, differences)
+    jumps = find_jumps(simulation.values, at, simulation.directions, differences)
     where = lambda some: touch_down(simulation, *some.sides)  # noqa: E731
     lengths = np.linalg.norm(simulation.directions, axis=0)
 
@@ -178,23 +181,11 @@ def _checks(
     if not quick:
         yield "precision", lambda: precision(simulation, motion)
     if not quick or all(some.level < Level.FAULT for some in found):  # It changes no verdict of a fault.
-        yield "reverse mode", lambda: reverse(simulation, motion)
+        args = simulation.value, at, simulation.directions, motion.slopes
+        yield "reverse mode", lambda: reverse(*args, compile_quickly)
     if not quick:
         if has_rival:
             yield "differentiation", lambda: differentiation(simulation, motion)
         yield "cost", lambda: cost(simulation)
     if estimators:
-        yield "estimators", lambda: _estimators(simulation, motion, jumps)
-
-
-def _estimators(simulation: Simulation, motion: Motion, jumps: Jumps | None) -> Finding:
-    scene, missed = simulation.scene, lacks(motion.slopes, jumps)
-    i = jumps.entry[0] if jumps and missed else steepest(motion.slopes)
-    scale = jnp.asarray(scene.scale)
-    return compare_estimators(
-        lambda points: simulation.values(scene.scale * points)[:, i],
-        lambda z: simulation.value(scale * z)[i],
-        scene.size,
-        scene.outputs[i],
-        missed,
-    )
+        yield "estimators", lambda: compare(jumps)

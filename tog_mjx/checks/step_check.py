@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
+from tog_mjx.gradients.reversible import unless_refused
 from tog_mjx.gradients.settled import central_differences, halvings
 from tog_mjx.running.errors import InputError
 from tog_mjx.stepping._mjx import mjx, put_model
@@ -162,13 +163,8 @@ def judge(model: mujoco.MjModel, method: str, expected: Float[np.ndarray, "m n"]
     """The verdict on one method of `METHODS`, given the Jacobian expected."""
     differentiation, jacobian, iterations = _METHODS[method]
     function = step_function(model, iterations)
-    try:
-        found = np.asarray(
-            compile_quickly(jacobian(functools.partial(function.after, STEPS[differentiation])))(function.x)
-        )
-    except ValueError as refusal:  # What JAX raises of a loop of unknown length.
-        if "Reverse-mode differentiation does not work" not in str(refusal):
-            raise
+    derivative = compile_quickly(jacobian(functools.partial(function.after, STEPS[differentiation])))
+    if (found := unless_refused(lambda: np.asarray(derivative(function.x)))) is None:
         return Verdict("error")
     is_finite = np.isfinite(found).all(0)
     nan = tuple(name for name, finite in zip(function.names, is_finite, strict=True) if not finite)

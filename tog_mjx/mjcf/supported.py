@@ -4,7 +4,7 @@
 not name the element, and some features fail only in `mjx.step`. This finds them all, without compiling anything.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -106,6 +106,10 @@ def name_of(model: mujoco.MjModel, kind: str, i: int) -> str:
         return name or f"number {i}"
     body = int((model.geom_bodyid if kind == "geom" else model.jnt_bodyid)[i])
     return f"number {i} (of body {name_of(model, 'body', body)})"
+
+
+def geoms_named(model: mujoco.MjModel, geoms: Iterable[int], between: str = " and ") -> str:
+    return between.join(f"geom {name_of(model, 'geom', geom)}" for geom in geoms)
 
 
 def type_of(model: mujoco.MjModel, geom: int) -> str:

@@ -30,10 +30,10 @@ from tog_mjx.gradients.reversible import unless_refused
 from tog_mjx.problems.library import get_problem
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.starts import Starts
+from tog_mjx.running import user_code
 from tog_mjx.running.errors import InputError, require_kind
 from tog_mjx.running.pytrees import variables
 from tog_mjx.running.types import AnyArray, Scalar
-from tog_mjx.running.user_code import call, real
 from tog_mjx.solving.descent import Descent, descend
 from tog_mjx.solving.held_out import SHARE, judge
 
@@ -118,10 +118,7 @@ def _function(function: Callable[[Any], Scalar], guess: Any) -> _Given:
     name, given = getattr(function, "__name__", "the objective"), variables(guess, "the guess")
 
     def number(u: Float[Array, " n"]) -> Float[Array, ""]:
-        found = real(name, call(f"{name} fails", function, given.restore(u)), "one number")
-        if found.size != 1:
-            raise InputError(f"{name} returns an array of shape {list(found.shape)}; give one number")
-        return found.reshape(())
+        return user_code.number(name, function, given.restore(u))
 
     return _Given(name, number, given.point, np.maximum(np.abs(given.point), 1.0), CHARGE, restore=given.restore)
 

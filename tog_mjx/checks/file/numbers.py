@@ -10,7 +10,7 @@ import numpy as np
 from tog_mjx.checks.file.spoilers import AGREEMENT, COARSE, Question, Spoiler
 from tog_mjx.checks.told.finding import Level
 from tog_mjx.mjcf.parameter import ALONE
-from tog_mjx.mjcf.supported import Culprit, candidates, name_of
+from tog_mjx.mjcf.supported import Culprit, candidates, geoms_named, name_of
 from tog_mjx.mjcf.unused import frictions
 from tog_mjx.stepping._mjx import FLUID, mjx
 
@@ -38,7 +38,7 @@ def _laws(model: mujoco.MjModel) -> Iterator[_Law]:
     off = model.opt.disableflags
     for first, second, pair in candidates(model):
         geoms = (("geom", first), ("geom", second))
-        name = f"the contact of geom {name_of(model, 'geom', first)} with geom {name_of(model, 'geom', second)}"
+        name = f"the contact of {geoms_named(model, (first, second), ' with ')}"
         solref = model.pair_solref[pair] if pair >= 0 else _mixed_solref(model, first, second)
         yield _Law(name, (("pair", pair),) if pair >= 0 else geoms, tuple(solref))
     for kind, flag, fields in (
@@ -136,7 +136,7 @@ def touching_exactly(question: Question) -> Iterator[Spoiler]:
     """Of two geoms with several contact points once."""
     met = {tuple(contact.geom.tolist()) for contact in question.data.contact if _is_kink(contact)}
     for pair in sorted(met):
-        names = " with ".join(f"geom {name_of(question.model, 'geom', geom)}" for geom in pair)
+        names = geoms_named(question.model, pair, " with ")
         what = f"{names}: they touch exactly in this state, where the law of the contact has its kink"
         elements = tuple(("geom", geom) for geom in pair)
         yield Spoiler(
@@ -192,7 +192,7 @@ def ties(question: Question) -> Iterator[Spoiler]:
         if is_even and (is_equal & (asked[first] | asked[second])).any():
             tied.append((first, second))
     if tied:
-        names = " and ".join(f"geom {name_of(model, 'geom', geom)}" for geom in tied[0])
+        names = geoms_named(model, tied[0])
         more = f" and of {len(tied) - 1} more pairs" if len(tied) > 1 else ""
         what = f"the friction of {names}{more} is equal, and a contact takes the larger: a kink"
         yield Spoiler(Culprit(what, tuple(("geom", geom) for geom in tied[0])), "make one of them larger")

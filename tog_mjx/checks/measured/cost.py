@@ -9,15 +9,15 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from tog_mjx.checks.measured.modes import REFUSED
 from tog_mjx.checks.measured.recorded import Simulation
 from tog_mjx.checks.told.finding import Finding, Level
+from tog_mjx.gradients.reversible import unless_refused
 from tog_mjx.stepping.mjx_state import copy_of
 
 
 def cost(simulation: Simulation) -> Finding:
     """Forward mode, reverse mode and differences of C MuJoCo, for the derivative of one output in all variables."""
-    n = simulation.scene.size
+    n = len(simulation.directions)
     x = jnp.zeros(n)
     ways: dict[str, Callable] = {
         "value": lambda x: simulation.value(x)[0],
@@ -42,11 +42,8 @@ def cost(simulation: Simulation) -> Finding:
 def _measure(name: str, function: Callable, x: jax.Array) -> dict[str, Any]:
     """Seconds to compile, of the shortest of three runs, and the memory that the program needs beside its arguments."""
     begin = time.perf_counter()
-    try:
-        program = jax.jit(function).lower(x).compile()
-    except ValueError as refusal:
-        if REFUSED not in str(refusal):
-            raise
+    program = unless_refused(lambda: jax.jit(function).lower(x).compile())
+    if program is None:
         return dict.fromkeys(("compile s", "run s", "MB"), np.nan) | {"way": name}
     compiled, runs = time.perf_counter() - begin, []
     for _ in range(3):

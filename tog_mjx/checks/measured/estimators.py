@@ -12,13 +12,14 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
-from tog_mjx.checks.measured.modes import is_reversible
+from tog_mjx.checks.measured.jumps import Jumps, lacks
 from tog_mjx.checks.step_check import compile_quickly
 from tog_mjx.checks.told.finding import Finding, Level
 from tog_mjx.gradients import Objective, exact_batch, local
 from tog_mjx.gradients.exact import FORWARD_LIMIT
+from tog_mjx.gradients.reversible import is_reversible
 from tog_mjx.running.batches import call_in_chunks
 
 SIGMAS = (1e-3, 1e-2, 1e-1)
@@ -193,9 +194,26 @@ def compare_estimators(values: Batch, J: Objective, n: int, name: str, lacks_jum
     return Finding("estimators", Level.CARE, sentence, found[0].exact_wins, remedy, curves)
 
 
-def steepest(slopes: Float[np.ndarray, "m k"]) -> int:
-    """Which of m values has the largest derivative."""
-    return int(np.linalg.norm(slopes, axis=1).argmax())
+def which_to_follow(
+    values: Callable[[Float[np.ndarray, "N n"]], Float[np.ndarray, "N m"]],
+    function: Callable[[Float[Array, " n"]], Float[Array, " m"]],
+    x: Float[np.ndarray, " n"],
+    scale: Float[np.ndarray, " n"],
+    slopes: Float[np.ndarray, "m k"],
+    jumps: Jumps | None,
+    names: Sequence[str],
+) -> Finding:
+    """`compare_estimators` at x, with perturbations of that scale, of that of m outputs whose derivative is largest, or
+    lacks jumps; `values` are those of the function at many points."""
+    missed = lacks(slopes, jumps)
+    i = jumps.entry[0] if jumps and missed else int(np.linalg.norm(slopes, axis=1).argmax())
+    return compare_estimators(
+        lambda points: np.asarray(values(x + scale * points), float)[:, i],
+        lambda z: function(x + scale * z)[i],
+        len(x),
+        names[i],
+        missed,
+    )
 
 
 def _told(follow: list[str]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from tog_mjx.checks.file.spoilers import EQUALITY_REMEDY
 from tog_mjx.checks.step_check import compile_quickly
-from tog_mjx.mjcf.supported import name_of
+from tog_mjx.mjcf.supported import geoms_named, name_of
 from tog_mjx.stepping._mjx import constraint_rows, contacts, mjx, put_model
 from tog_mjx.stepping.mjx_state import copy_of, on_mjx
 
@@ -75,7 +75,7 @@ def _contacts(model: mujoco.MjModel, ours: mjx.Data, theirs: mujoco.MjData) -> I
     acting = [contact for contact in theirs.contact if not contact.exclude]
     others = [tuple(sorted(contact.geom.tolist())) for contact in acting]
     for pair in sorted({pair for pair, act in zip(pairs, acts, strict=True) if act} | set(others)):
-        names = " with ".join(f"geom {name_of(model, 'geom', geom)}" for geom in pair)
+        names = geoms_named(model, pair, " with ")
         mine = np.sort(np.asarray(touching.distance)[acts & np.array([some == pair for some in pairs])])
         other = np.sort([contact.dist for contact, some in zip(acting, others, strict=True) if some == pair])
         if mine.size != other.size:

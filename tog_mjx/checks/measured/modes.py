@@ -1,7 +1,6 @@
 """Forward against reverse mode, and implicit against native differentiation: they must agree."""
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,55 +9,38 @@ from jaxtyping import Array, Float
 
 from tog_mjx.checks.measured.agreement import relative
 from tog_mjx.checks.measured.recorded import Motion, Simulation
-from tog_mjx.checks.step_check import compile_quickly
 from tog_mjx.checks.told.finding import Finding, Level
+from tog_mjx.gradients.reversible import unless_refused
 
 SAME, SAME_SINGLE = 1e-6, 1e-2
 """Relative difference of derivatives that are the same but for rounding, in float64 and in float32: 1e-16 and 1e-7,
 grown 1e10 and 1e5 times. More is a term that one of them lacks; small here, it may be large at the next point."""
 _REMEDY = "use forward mode; of mjx.step, differentiate tog.step"
 _BRANCH = "a jnp.where passes on the NaN of the branch that it does not take: make that branch finite"
-REFUSED = "Reverse-mode differentiation does not work"
 
 
-def is_reversible(function: Callable[[Float[Array, " n"]], Any], n: int) -> bool:
-    """Whether JAX differentiates a function of n numbers to a number in reverse mode; it is traced, not compiled."""
-    try:
-        jax.eval_shape(jax.grad(function), jnp.zeros(n))
-    except ValueError as refusal:
-        if REFUSED not in str(refusal):
-            raise
-        return False
-    return True
-
-
-def compare_modes(backward: Callable[[], Array], directions: np.ndarray, expected: Float[np.ndarray, " k"]) -> Finding:
-    """The gradient [n] that `backward` returns, against what forward mode found along directions [n, k]."""
-    try:
-        found = np.asarray(backward())
-    except ValueError as refusal:
-        if REFUSED not in str(refusal):
-            raise
+def reverse(
+    function: Callable[[Float[Array, " n"]], Float[Array, " m"]],
+    x: Float[np.ndarray, " n"],
+    directions: Float[np.ndarray, "n k"],
+    slopes: Float[np.ndarray, "m k"],
+    compiled: Callable[[Callable], Callable] = jax.jit,
+) -> Finding:
+    """Reverse mode along a fixed random cotangent, against what forward mode found along directions."""
+    weights = np.random.default_rng(0).normal(size=len(slopes))
+    found = unless_refused(compiled(jax.grad(lambda x: function(x) @ weights)), jnp.asarray(x))
+    if found is None:
         sentence = (
             "reverse mode raises an error: there is a loop of unknown length (in stock mjx.step it is the solver)"
         )
         return Finding("reverse mode", Level.CARE, sentence, None, _REMEDY)
     if not np.isfinite(found).all():
         return Finding("reverse mode", Level.FAULT, "reverse mode gives NaN or infinity", None, f"{_REMEDY}; {_BRANCH}")
-    error = relative(found @ directions, expected)
+    error = relative(np.asarray(found) @ directions, weights @ slopes)
     sentence = f"forward and reverse mode differ by {error:.0e}"
     if error <= (SAME if jax.config.values["jax_enable_x64"] else SAME_SINGLE):
         return Finding("reverse mode", Level.FINE, sentence, error)
     return Finding("reverse mode", Level.FAULT, sentence, error, "one is wrong: 'agreement' judges forward mode")
-
-
-def reverse(simulation: Simulation, motion: Motion) -> Finding:
-    """Reverse mode along a fixed random cotangent, against forward mode."""
-    weights = np.random.default_rng(0).normal(size=motion.value.shape)
-    gradient = compile_quickly(jax.grad(lambda x: simulation.value(x) @ weights))
-    return compare_modes(
-        lambda: gradient(jnp.zeros(simulation.scene.size)), simulation.directions, weights @ motion.slopes
-    )
 
 
 def differentiation(simulation: Simulation, motion: Motion) -> Finding:

@@ -1,6 +1,7 @@
 """Second derivatives: against differences of the gradient, symmetric, and the same in both modes."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 
 import jax
@@ -9,8 +10,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.checks.measured.agreement import agreement, relative, sweep
-from tog_mjx.checks.measured.modes import is_reversible
 from tog_mjx.checks.told.finding import Finding, Level
+from tog_mjx.gradients.reversible import is_reversible
 
 SYMMETRIC = 1e-6
 """Relative to the Hessian. A derivative that is right is symmetric to rounding; a rule that leaves out how its own
@@ -32,27 +33,24 @@ def second_order(
     def number(x: Array) -> Array:
         return function(x) @ weights
 
-    def slopes(x: Array) -> Float[Array, " k"]:
-        return jax.vmap(lambda d: jax.jvp(number, (x,), (d,))[1], in_axes=1)(across)
+    def slopes(function: Callable, x: Array) -> Array:
+        """Of a number [k], or of an array [., k], along each direction."""
+        return jax.vmap(lambda d: jax.jvp(function, (x,), (d,))[1], in_axes=1, out_axes=-1)(across)
 
-    def products(gradient: Callable, x: Array) -> Array:
-        """How the gradient, in whatever coordinates, changes along each direction: [., k]."""
-        return jax.vmap(lambda d: jax.jvp(gradient, (x,), (d,))[1], in_axes=1, out_axes=1)(across)
-
-    hessian = np.asarray(jax.jit(lambda x: products(slopes, x))(point), float)
-    batch = jax.jit(jax.vmap(slopes))
+    forward = functools.partial(slopes, number)
+    hessian = np.asarray(jax.jit(lambda x: slopes(forward, x))(point), float)
+    batch = jax.jit(jax.vmap(forward))
     differences = sweep(lambda points: np.asarray(batch(jnp.asarray(points, point.dtype))), x, directions)
-    judged = dataclasses.replace(agreement(hessian, differences), check=_NAME)
-    judged = dataclasses.replace(judged, sentence=f"of the gradient's own derivative: {judged.sentence}")
+    judged = agreement(hessian, differences)
+    judged = dataclasses.replace(judged, check=_NAME, sentence=f"of the gradient's own derivative: {judged.sentence}")
     if judged.level == Level.FAULT:
         return dataclasses.replace(judged, remedy=_REMEDY)
     asymmetry = relative(hessian, hessian.T)
     if asymmetry > SYMMETRIC:
-        return Finding(
-            _NAME, Level.FAULT, f"the Hessian differs from its transpose by {asymmetry:.0e}", asymmetry, _REMEDY
-        )
+        sentence = f"the Hessian differs from its transpose by {asymmetry:.0e}"
+        return Finding(_NAME, Level.FAULT, sentence, asymmetry, _REMEDY)
     if is_reversible(number, x.size):
-        backward = directions.T @ np.asarray(jax.jit(lambda x: products(jax.grad(number), x))(point), float)
+        backward = directions.T @ np.asarray(jax.jit(lambda x: slopes(jax.grad(number), x))(point), float)
         error = relative(backward, hessian)
         if not error <= SYMMETRIC:
             sentence = f"forward over forward and forward over reverse mode differ by {error:.0e}"

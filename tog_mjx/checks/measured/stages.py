@@ -7,7 +7,7 @@ import numpy as np
 
 from tog_mjx.checks.measured.recorded import NEVER, QUANTITIES, Motion, Simulation
 from tog_mjx.checks.told.finding import Finding, Level
-from tog_mjx.mjcf.supported import name_of
+from tog_mjx.mjcf.supported import geoms_named
 
 GREAT = 1e3
 """Growth of a change of position over the horizon from which on it is told: a millimetre at the start is a metre at the
@@ -33,19 +33,12 @@ def finite(motion: Motion) -> Finding:
                 if stage == "solver"
                 else "see 'preflight'"
             )
-            return Finding(
-                "finite",
-                Level.FAULT,
-                f"the {what} is NaN or infinite from step {first} on, first in its {stage}",
-                float(first),
-                remedy,
-            )
+            sentence = f"the {what} is NaN or infinite from step {first} on, first in its {stage}"
+            return Finding("finite", Level.FAULT, sentence, float(first), remedy)
     if not (np.isfinite(motion.value).all() and np.isfinite(motion.slopes).all()):
+        remedy = "look at the cost: a norm or a root at zero needs a safe gradient"
         return Finding(
-            "finite",
-            Level.FAULT,
-            "the motion is finite, but the output or its gradient is not",
-            remedy="look at the cost: a norm or a root at zero needs a safe gradient",
+            "finite", Level.FAULT, "the motion is finite, but the output or its gradient is not", None, remedy
         )
     return Finding("finite", Level.FINE, "value and gradient are finite at every step")
 
@@ -86,9 +79,7 @@ def untouched(simulation: Simulation, motion: Motion) -> str:
 def _met(model: mujoco.MjModel, motion: Motion, contact: int) -> tuple[str, float]:
     """The two geoms of a candidate contact, and half the extent of the thinner one."""
     geoms = motion.geoms[contact].tolist()
-    return " and ".join(f"geom {name_of(model, 'geom', geom)}" for geom in geoms), min(
-        _thickness(model, geom) for geom in geoms
-    )
+    return geoms_named(model, geoms), min(_thickness(model, geom) for geom in geoms)
 
 
 def _thickness(model: mujoco.MjModel, geom: int) -> float:

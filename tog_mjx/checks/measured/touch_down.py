@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.checks.measured.recorded import Motion, Simulation
-from tog_mjx.mjcf.supported import name_of
+from tog_mjx.mjcf.supported import geoms_named, name_of
 from tog_mjx.stepping.mjx_state import INPUTS, STATE, copy_of, state_of
 
 NOTHING = 1e-9
@@ -60,10 +60,7 @@ class _Side:
         model = self.c_model
         state = {name: motion.states[name][sample] for name in STATE}
         one = self.run(1, motion, sample)
-        names = [
-            " and ".join(f"geom {name_of(model, 'geom', geom)}" for geom in pair)
-            for pair in one.geoms[one.distance < 0].tolist()
-        ]
+        names = [geoms_named(model, pair) for pair in one.geoms[one.distance < 0].tolist()]
         data = copy_of(model, self.simulation.scene.start, **self.inputs, **state)
         mujoco.mj_fwdPosition(model, data)
         for row, i in zip(data.efc_type.tolist(), data.efc_id.tolist(), strict=True):

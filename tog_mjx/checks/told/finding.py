@@ -122,3 +122,11 @@ def _number(x: Any) -> float | None:
 
 Report = Callable[[str, Finding | None], None]
 """Called with a check's name before it runs, and with its finding after."""
+
+
+def reported(name: str, check: Callable[[], Finding], report: Report) -> Finding:
+    """What a check finds."""
+    report(name, None)
+    found = check()
+    report(name, found)
+    return found
