@@ -120,7 +120,7 @@ def test_what_is_asked_has_names(pendulum, wrt, output, names):
             SceneFunction(pendulum, mujoco.MjData(pendulum), 5, wrt, output)
     else:
         scene = SceneFunction(pendulum, mujoco.MjData(pendulum), 5, wrt, output)
-        assert (scene.variables, scene.outputs) == names
+        assert (scene.x.names, scene.y.names) == names
 
 
 def test_the_derivative_in_gravity_is_that_of_a_falling_body(pendulum):
@@ -139,7 +139,7 @@ def test_an_output_that_is_never_touched_is_told():
     assert motion.slopes[1] > 0.01
     differences = sweep(simulation.values, np.zeros(1), np.eye(1))
     why = lambda: untouched(simulation, motion)  # noqa: E731
-    found = zeros(motion.slopes, differences, scene.variables, scene.outputs, scene.bodies, why)
+    found = zeros(motion.slopes, differences, scene.x.names, scene.y.names, scene.y.bodies, why)
     assert found.level == Level.CARE
     assert found.sentence.startswith("no variable moves qpos[0] (1 of 2 outputs): nothing is touched; of what does not")
     assert "geom puck and geom finger come nearest" in found.sentence
@@ -149,7 +149,7 @@ def test_a_body_that_moves_otherwise_is_not_unmoved(pendulum):
     """The hinge is one tree of bodies, and the free body another, some of whose positions may stay by symmetry."""
     for output, bodies in (("qpos", [0] + [1] * 7), ("qvel", [0] + [1] * 6), ("qpos[7]", [1]), ("mark", [0] * 3)):
         scene = SceneFunction(pendulum, mujoco.MjData(pendulum), 1, "qvel", output)
-        assert scene.bodies.tolist() == bodies
+        assert scene.y.bodies.tolist() == bodies
     slopes, still = np.array([[1.0], [0.0], [1.0]]), np.zeros((1, 3, 1))
     differences = Sweep(np.array([1e-5]), still, still, slopes == 0)
     found = [zeros(slopes, differences, ["u"], ["x", "y", "z"], np.array(bodies)) for bodies in ([0, 0, 0], [0, 1, 2])]

@@ -91,7 +91,7 @@ CUBE = """<mujoco>
 
 def judged(model: mujoco.MjModel, start: mujoco.MjData, steps: int, wrt: str, site: str) -> Finding:
     scene = SceneFunction(model, start, steps, wrt, site)
-    simulation = Simulation(scene, np.eye(scene.size), states=False)
+    simulation = Simulation(scene, np.eye(len(scene.x.names)), states=False)
     return time_step(simulation, simulation.run())
 
 

@@ -8,11 +8,12 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx.checks.measured.recorded import Simulation
+from tog_mjx.problems.outputs import Outputs
 from tog_mjx.problems.scene_function import SceneFunction
-from tog_mjx.problems.wrt import Variables
+from tog_mjx.problems.wrt import Displacements
 from tog_mjx.stepping._mjx import put_model
+from tog_mjx.stepping.complete import complete
 from tog_mjx.stepping.mjx_state import on_mjx
-from tog_mjx.stepping.outputs import Outputs, complete
 
 STEPS, SHORT = 40, 1e-5
 HAND = """<mujoco>
@@ -168,15 +169,16 @@ def test_activations_and_mocap_bodies_are_variables():
     model = mujoco.MjModel.from_xml_string(LED)
     arrays: dict[str, tuple[str, ...]] = {"act": ("act[0]",)}
     arrays |= {name: tuple(f"{name}[0, {i}]" for i in range(3)) for name in ("mocap_pos", "mocap_quat")}
-    variables = [Variables(model, array) for array in arrays]
+    variables = [Displacements(model, array) for array in arrays]
     assert [x.names for x in variables] == list(arrays.values())
     assert [x.kin.tolist() for x in variables] == [[0], [0] * 3, [0] * 3]
     on, start = put_model(model), on_mjx(put_model(model), mujoco.MjData(model))
 
     def end(x):
-        data = start
+        moved = {name: getattr(start, name) for name in arrays}
         for some, part in zip(variables, jnp.split(x, [1, 4]), strict=True):
-            _, data = some.place(on, data, part)
+            _, moved = some.place(part, on, moved)
+        data = start.replace(**moved)
         return tog.simulate(on, data, data.ctrl, 30)[0].qvel
 
     def end_in_c(x: np.ndarray) -> np.ndarray:

@@ -14,7 +14,7 @@ from tog_mjx.mjcf.fields import float_fields
 from tog_mjx.mjcf.followers import LEADERS
 from tog_mjx.problems.scene_function import SceneFunction
 from tog_mjx.stepping._mjx import make_data, put_model
-from tog_mjx.stepping.mjx_state import default_start
+from tog_mjx.stepping.mjx_state import default_start, on_mjx
 
 TREE = """<mujoco>
   <compiler angle="radian"/>
@@ -193,7 +193,7 @@ def test_a_fluid_begins(field):
       <keyframe><key qvel="3 0 0 0 1 0"/></keyframe></mujoco>"""
     model = mujoco.MjModel.from_xml_string(xml.format(0))
     scene = SceneFunction(model, default_start(model), 1, f"opt.{field}", "qvel")
-    model_at, start = put_model(model), scene.base(put_model(model))
+    model_at, start = put_model(model), on_mjx(put_model(model), scene.start)
 
     def end(x):
         placed, data = scene.place(model_at, start, x)

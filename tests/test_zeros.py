@@ -142,7 +142,7 @@ def test_a_scene_knows_which_of_its_variables_are_alike():
         ("opt.gravity", [0] * 3, [True] * 3),
     ):
         scene = SceneFunction(model, mujoco.MjData(model), 1, wrt)
-        assert (scene.kin.tolist(), (~scene.unused).tolist()) == (kin, read)
+        assert (scene.x.kin.tolist(), (~scene.x.unused).tolist()) == (kin, read)
 
 
 @pytest.mark.parametrize(("value", "level"), [(2.0, Level.FINE), (None, Level.CARE)])

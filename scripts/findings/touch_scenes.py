@@ -31,7 +31,7 @@ from tog_mjx.mjcf.scene import compile_model
 from tog_mjx.problems.scene_function import SceneFunction
 from tog_mjx.running.console import run_main
 from tog_mjx.stepping._mjx import put_model
-from tog_mjx.stepping.mjx_state import copy_of, state_of
+from tog_mjx.stepping.mjx_state import copy_of, on_mjx, state_of
 
 HERE = Path(__file__).parent
 FOLDER = HERE.parent.parent / "tests" / "scenes" / "touch"
@@ -91,7 +91,7 @@ def function_of(scene: Scene, timestep: float = TIMESTEPS[0]) -> SceneFunction:
 def derivatives(function: SceneFunction, differentiation: str) -> Callable:
     """Values [N] and derivatives [N] at points [N], for a time step and a number of steps: compiled once for all."""
     model = put_model(function.model)
-    start = function.base(model)
+    start = on_mjx(model, function.start)
 
     def value(x: Array, timestep: float, steps: int) -> Array:
         timed = model.replace(opt=model.opt.replace(timestep=timestep))
@@ -101,7 +101,7 @@ def derivatives(function: SceneFunction, differentiation: str) -> Callable:
             return state_of(tog.step(placed, data.replace(**state), differentiation=differentiation))
 
         state = jax.lax.fori_loop(0, steps, advance, state_of(data))
-        return function.observe(placed, data.replace(**state))[0]
+        return function.y.observe(placed, data.replace(**state))[0]
 
     def each(points: Array, timestep: float, steps: int) -> tuple[Array, Array]:
         return jax.vmap(lambda x: jax.jvp(lambda x: value(x, timestep, steps), (x,), (jnp.ones_like(x),)))(points)

@@ -25,13 +25,13 @@ from tog_mjx.checks.told.failure import failure
 from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict, reported
 from tog_mjx.mjcf.followers import Origin, compiled
 from tog_mjx.mjcf.scene import require_time_step
+from tog_mjx.problems.outputs import Cost
 from tog_mjx.problems.scene_function import SceneFunction
 from tog_mjx.problems.wrt import default_wrt
 from tog_mjx.running.errors import InputError, require_kind
 from tog_mjx.running.quiet import without_warnings
 from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.mjx_state import default_start, require_state
-from tog_mjx.stepping.outputs import Cost
 
 
 def check_scene(
@@ -53,8 +53,8 @@ def check_scene(
       model: any, or its MjSpec. Of one that MJX cannot simulate the verdict says why not.
       start: the state, and the controls held; `tog_mjx.stepping.mjx_state.default_start` if None. It is left as it is.
       steps, differentiation: see `SceneFunction`.
-      output: see `tog_mjx.stepping.outputs.Outputs`.
-      wrt: see `tog_mjx.problems.wrt.Variables`; if None the controls, or the velocities of a scene without
+      output: see `tog_mjx.problems.outputs.Outputs`.
+      wrt: see `tog_mjx.problems.wrt.Displacements`; if None the controls, or the velocities of a scene without
         actuators.
       path: the MJCF file that the model was read from: the preflight then names its lines, and variables move all that
         follows from them, see `tog.Parameter`.
@@ -84,7 +84,7 @@ def check_scene(
     say: Report = report or (lambda *_: None)
     with jax.enable_x64(), without_warnings():
         scene = SceneFunction(model, start, steps, by, output, differentiation, origin)
-        told = ", ".join(scene.outputs[:3]) + ", ..." * (len(scene.outputs) > 3)
+        told = ", ".join(scene.y.names[:3]) + ", ..." * (len(scene.y.names) > 3)
         subject = f"{told} after {steps} steps, by {by}{why}"
         say("preflight", None)
         remarks = preflight(model, path, start, scene.x, differentiation)
@@ -94,7 +94,7 @@ def check_scene(
         if any(some.blocks for some in remarks):
             return Verdict(subject, tuple(findings))
         say("motion", None)
-        directions, names = directions_at(scene.scale, scene.variables)
+        directions, names = directions_at(scene.x.scale, scene.x.names)
         try:
             simulation = Simulation(scene, directions)
             motion = simulation.run()
@@ -116,7 +116,7 @@ def check_scene(
                 say("preflight", measured)
     lengths = np.linalg.norm(directions, axis=0)
     gradient = (motion.slopes / lengths).tolist()
-    return Verdict(subject, tuple(findings), names, scene.outputs, motion.value.tolist(), gradient, lengths.tolist())
+    return Verdict(subject, tuple(findings), names, scene.y.names, motion.value.tolist(), gradient, lengths.tolist())
 
 
 def _checks(
@@ -134,8 +134,8 @@ def _checks(
     scene, at = simulation.scene, np.zeros(len(simulation.directions))
 
     def compare(jumps: Jumps | None) -> Finding:
-        names = scene.outputs
-        return which_to_follow(simulation.values, simulation.value, at, scene.scale, motion.slopes, jumps, names)
+        names = scene.y.names
+        return which_to_follow(simulation.values, simulation.value, at, scene.x.scale, motion.slopes, jumps, names)
 
     yield "finite", lambda: finite(motion)
     has_rival = scene.differentiation != "saltation"  # Stock MJX has no gradient with jumps.
@@ -155,8 +155,8 @@ def _checks(
         yield "parity", lambda: parity(simulation, motion)
         return
     unreached = lambda: untouched(simulation, motion)  # noqa: E731
-    kin, unused = (scene.kin, scene.unused) if names == scene.variables else (None, None)  # Directions are of all.
-    outputs = scene.outputs, scene.bodies
+    kin, unused = (scene.x.kin, scene.x.unused) if names == scene.x.names else (None, None)  # Directions are of all.
+    outputs = scene.y.names, scene.y.bodies
     yield "zeros", lambda: zeros(motion.slopes, differences, names, *outputs, unreached, kin, unused)
     yield "growth", lambda: growth(simulation, motion)  # Before what it is the cause of.
     jumps = find_jumps(simulation.values, at, simulation.directions, differences)
@@ -165,7 +165,7 @@ def _checks(
 
     def agree() -> Finding:
         plain = agreement(motion.slopes, differences)
-        judged = judge_jumps(plain, motion.slopes, jumps, names, scene.outputs, where, lengths)
+        judged = judge_jumps(plain, motion.slopes, jumps, names, scene.y.names, where, lengths)
         if judged.level < Level.FAULT or scene.differentiation != "saltation" or (jumps and jumps.are_many):
             return judged
         return between_jumps(judged, motion.slopes, simulation.differentiated("implicit").slopes, differences)

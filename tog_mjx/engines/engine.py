@@ -8,7 +8,7 @@ The model is an argument, so that variables can move it.
 """
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,9 +23,9 @@ from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.state import State
 from tog_mjx.running.errors import InputError
 from tog_mjx.stepping._mjx import mjx, put_model
+from tog_mjx.stepping.complete import completed
 from tog_mjx.stepping.implicit import STEPS
-from tog_mjx.stepping.mjx_state import on_mjx, state_of
-from tog_mjx.stepping.outputs import complete, completed
+from tog_mjx.stepping.mjx_state import MOCAP, on_mjx, state_of
 
 Controls = Float[Array, " nu"]
 
@@ -55,24 +55,21 @@ class OnMjx(Engine):
     differentiation: str
 
     def begin(self, model: mjx.Model, start: dict[str, Array]) -> dict[str, Array]:
-        del model
-        return state_of(self.origin.replace(**start))
+        data = self.origin.replace(**start)
+        return {**state_of(data), **{name: getattr(data, name) for name in MOCAP if model.nmocap}}
 
     def step(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls) -> tuple[dict[str, Array], State]:
         after = STEPS[self.differentiation](model, self.origin.replace(**carry, ctrl=ctrl))
         if model.opt.integrator == mjx.IntegratorType.RK4:  # What it derives is of its last stage.
-            return state_of(after), self.state(model, carry, ctrl)
+            return {**carry, **state_of(after)}, self.state(model, carry, ctrl)
         # What a step derives is of the moment in which it begins; only the state itself has moved on.
         now = after.replace(**carry)
-        return state_of(after), self._view(carry, ctrl, lambda: now, lambda: completed(model, now))
+        state = State.of(self.scene.model, now, lambda: now, lambda: completed(model, now))
+        return {**carry, **state_of(after)}, state
 
     def state(self, model: mjx.Model, carry: dict[str, Array], ctrl: Controls) -> State:
         now = self.origin.replace(**carry, ctrl=ctrl)
-        poses = lambda: mjx.kinematics(model, now)  # noqa: E731
-        return self._view(carry, ctrl, poses, lambda: complete(model, now, self.differentiation))
-
-    def _view(self, carry: dict[str, Array], ctrl: Controls, poses: Callable, all_: Callable) -> State:
-        return State(carry["time"], carry["qpos"], carry["qvel"], carry["act"], ctrl, self.scene.model, poses, all_)
+        return State.at(self.scene.model, model, now, self.differentiation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +93,7 @@ class OnPlane(Engine):
         joints, (q, v) = jnp.asarray(self.scene.joints), self.scene.of_joints(*self.simulator.observe(planar))
         qpos, qvel = self.origin.qpos.at[joints].set(q), self.origin.qvel.at[joints].set(v)
         now = self.origin.replace(time=time, qpos=qpos, qvel=qvel, ctrl=ctrl)
-        poses = lambda: mjx.kinematics(model, now)  # noqa: E731
-        return State(time, qpos, qvel, now.act, ctrl, self.scene.model, poses, _no_forces)
+        return State.of(self.scene.model, now, lambda: mjx.kinematics(model, now), _no_forces)
 
 
 def _no_forces() -> mjx.Data:

@@ -2,6 +2,7 @@
 "geom_friction[2, 0]" means."""
 
 import math
+import operator
 
 import jax
 import mujoco
@@ -14,9 +15,7 @@ from tog_mjx.stepping._mjx import mjx
 
 def attribute(tree: object, path: str):
     """The value at a path with dots; AttributeError where there is none."""
-    for name in path.split("."):
-        tree = getattr(tree, name)
-    return tree
+    return operator.attrgetter(path)(tree)
 
 
 def assign(model: mujoco.MjModel, path: str, value: np.ndarray | np.floating) -> None:
@@ -47,6 +46,12 @@ def entries(text: str, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:
         return np.atleast_1d(every[tuple(int(i) for i in index.removesuffix("]").split(","))]).ravel()
     except (ValueError, IndexError):
         raise InputError(f"{text!r}: {name} has the shape {list(shape)}; give {name} or an index in it") from None
+
+
+def entry_names(name: str, shape: tuple[int, ...], chosen: Int[np.ndarray, " k"]) -> tuple[str, ...]:
+    """The texts that mean one of those numbers each; of an array without axes its name."""
+    indices = [", ".join(map(str, i)) for i in np.ndindex(shape)]
+    return tuple(f"{name}[{indices[i]}]" if shape else name for i in chosen)
 
 
 def field_of(model: mujoco.MjModel, name: str, others: tuple[str, ...] = ()) -> np.ndarray:

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from tog_mjx.mjcf.fields import array_name, assign, attribute, entries, field_of
+from tog_mjx.mjcf.fields import array_name, assign, attribute, entries, entry_names, field_of
 from tog_mjx.mjcf.followers import Followers, Origin, compiled, followers, spec_of
 from tog_mjx.running.errors import InputError, require_kind
 from tog_mjx.running.types import AnyArray
@@ -52,6 +52,7 @@ class Parameter:
         if not len(self.chosen):
             raise InputError(f"the model has no {name}: choose another array")
         self.value: Float[np.ndarray, " n"] = field.ravel()[self.chosen]
+        self.names = entry_names(self.array, field.shape, self.chosen)
 
     def __call__(self, x: Float[AnyArray, " n"]) -> mjx.Model:
         """The model with these numbers, on MJX."""

@@ -22,7 +22,7 @@ from tog_mjx.problems.variables import Bound, Controls, Setting, Several, Variab
 from tog_mjx.running.errors import InputError, require_kind, require_whole
 from tog_mjx.running.types import AnyArray, Numbers
 from tog_mjx.running.user_code import call, load
-from tog_mjx.stepping.mjx_state import default_start, require_state
+from tog_mjx.stepping.mjx_state import require_state
 
 Cost = Callable[[State], AnyArray]
 CONSTANT = Controls()
@@ -123,11 +123,7 @@ class Problem:
         """Where it starts, or around which it does. Treat it as read-only."""
         if isinstance(self.start, mujoco.MjData):
             return self.start
-        return (
-            keyframe_start(self.scene.model, self.start)
-            if isinstance(self.start, str)
-            else default_start(self.scene.model)
-        )
+        return keyframe_start(self.scene.model, self.start if isinstance(self.start, str) else None)
 
     @functools.cached_property
     def bound(self) -> Bound:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Key
 
 from tog_mjx.running.errors import InputError, near, require_kind, require_whole
 from tog_mjx.stepping._mjx import mjx
-from tog_mjx.stepping.mjx_state import MOVING
+from tog_mjx.stepping.mjx_state import START
 
 
 @dataclass(frozen=True)
@@ -16,9 +16,9 @@ class Starts:
     """Starts drawn at random, `count` of them at a time.
 
     Args:
-      sample: `key -> {name: array}`, of `qpos`, `qvel` and `act`, and of fields of `mjx.Model` (domain randomisation),
-        such as `{"qpos": qpos0 + 0.05 * jax.random.normal(key, [nq]), "body_mass": ...}`. What it leaves out is the
-        problem's.
+      sample: `key -> {name: array}`, of `qpos`, `qvel`, `act`, `mocap_pos` and `mocap_quat`, and of fields of
+        `mjx.Model` (domain randomisation), such as
+        `{"qpos": qpos0 + 0.05 * jax.random.normal(key, [nq]), "body_mass": ...}`. What it leaves out is the problem's.
       count: starts of one evaluation.
     """
 
@@ -38,13 +38,13 @@ class Starts:
         drawn = dict(jax.vmap(self.sample)(jax.random.split(key, count)))
         fields = {name for name in mjx.Model.__annotations__ if isinstance(getattr(model, name, None), jax.Array)}
         for name, value in drawn.items():
-            if name not in fields and name not in MOVING:
-                choices = [*MOVING, *sorted(fields)]
+            if name not in fields and name not in START:
+                choices = [*START, *sorted(fields)]
                 raise InputError(
-                    f"a start has no {name}; give qpos, qvel, act or a field of mjx.Model{near(name, choices)}"
+                    f"a start has no {name}; give {', '.join(START)} or a field of mjx.Model{near(name, choices)}"
                 )
-            shape = (start[name] if name in MOVING else getattr(model, name)).shape
+            shape = (start[name] if name in START else getattr(model, name)).shape
             if value.shape[1:] != shape:
                 raise InputError(f"the starts' {name} has the shape {list(value.shape[1:])}; give {list(shape)}")
-        placed = {name: value for name, value in drawn.items() if name in MOVING}
-        return placed, {name: value for name, value in drawn.items() if name not in MOVING}
+        placed = {name: value for name, value in drawn.items() if name in START}
+        return placed, {name: value for name, value in drawn.items() if name not in START}

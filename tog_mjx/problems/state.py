@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx.running.errors import InputError, near
 from tog_mjx.stepping._mjx import mjx
+from tog_mjx.stepping.complete import complete
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,17 @@ class State:
     _names: mujoco.MjModel
     _poses: Callable[[], mjx.Data]
     _all: Callable[[], mjx.Data]
+
+    @classmethod
+    def of(cls, names: mujoco.MjModel, data: mjx.Data, poses: Callable, all_: Callable) -> "State":
+        """That in `data`, of a model with those names; `poses` and `all_` give what follows from it."""
+        return cls(data.time, data.qpos, data.qvel, data.act, data.ctrl, names, poses, all_)
+
+    @classmethod
+    def at(cls, names: mujoco.MjModel, model: mjx.Model, data: mjx.Data, differentiation: str) -> "State":
+        """That in `data`; all else is computed from it, by MJX."""
+        poses, all_ = lambda: mjx.kinematics(model, data), lambda: complete(model, data, differentiation)
+        return cls.of(names, data, poses, all_)
 
     @functools.cached_property
     def data(self) -> mjx.Data:

@@ -14,16 +14,15 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.mjcf.fields import array_name, entries, field_of
+from tog_mjx.mjcf.fields import array_name
 from tog_mjx.mjcf.followers import Origin
 from tog_mjx.mjcf.parameter import Parameter
 from tog_mjx.problems.state import State
+from tog_mjx.problems.wrt import TURNED, Displacements, Placed, control_names
 from tog_mjx.running.errors import InputError, require_choice, require_whole
 from tog_mjx.stepping._mjx import mjx
-from tog_mjx.stepping.integration import positions_after
+from tog_mjx.stepping.mjx_state import START
 
-Placed = tuple[mjx.Model, dict[str, Array]]
-"""A model, and a start by the names of its fields in `mjx.Data`."""
 Law = Callable[[State], Float[Array, " nu"]]
 """Controls as an answer to the state."""
 
@@ -103,9 +102,9 @@ class Controls:
         if not model.nu:
             raise InputError("the scene has no actuators, so there are no controls; take other variables")
         require_whole("knots", self.knots, 1, given.steps)
-        names = [mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) or f"ctrl[{i}]" for i in range(model.nu)]
+        names = control_names(model, np.arange(model.nu))
         if self.knots > 1:
-            names = [f"{name} at knot {k}" for k in range(self.knots) for name in names]
+            names = tuple(f"{name} at knot {k}" for k in range(self.knots) for name in names)
         limited = model.actuator_ctrllimited.astype(bool)[:, None]
         limits = np.tile(np.where(limited, model.actuator_ctrlrange, [-np.inf, np.inf]), (self.knots, 1))
 
@@ -127,7 +126,8 @@ class Controls:
 
 @dataclass(frozen=True)
 class Start:
-    """Where a motion starts: "qvel" themselves, or "qpos" as displacements from the start's own, in velocity space.
+    """Where a motion starts: "qvel", "act" or "mocap_pos" themselves, or displacements from the start's own "qpos", in
+    velocity space, or from its "mocap_quat", as rotation vectors.
 
     "qvel[2]" is one number of them; of positions too the index is that of a velocity, below nv.
     """
@@ -135,18 +135,17 @@ class Start:
     field: str = "qvel"
 
     def bind(self, given: Setting) -> Bound:
-        name = array_name(self.field)
-        require_choice("the start's variable", name, ("qpos", "qvel"))
-        chosen = entries(self.field, (given.model.nv,))
+        require_choice("the start's variable", array_name(self.field), START)
+        found = Displacements(given.model, self.field)
+        name, chosen = found.array, found.chosen
+        if name in TURNED:
+            return Bound.of(found.names, np.zeros(len(chosen)), place=found.place)
 
         def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
-            if name == "qvel":
-                return model, {**start, "qvel": start["qvel"].at[chosen].set(x)}
-            change = jnp.zeros_like(start["qvel"]).at[chosen].set(x)
-            return model, {**start, "qpos": positions_after(model, start["qpos"], change)}
+            old = start[name]
+            return model, {**start, name: old.ravel().at[chosen].set(x).reshape(old.shape)}
 
-        guess = given.start.qvel[chosen] if name == "qvel" else np.zeros(len(chosen))
-        return Bound.of([f"{name}[{i}]" for i in chosen], guess, place=place)
+        return Bound.of(found.names, getattr(given.start, name).ravel()[chosen], place=place)
 
 
 class Parameters:
@@ -165,11 +164,7 @@ class Parameters:
         if not self.fields:
             raise InputError("Parameters() names no field of the model; give one, such as geom_friction")
         parts = [Parameter(given.model, field, given.origin) for field in self.fields]
-        names = [
-            f"{part.array}[{', '.join(map(str, place))}]"
-            for part in parts
-            for place in zip(*np.unravel_index(part.chosen, field_of(given.model, part.array).shape), strict=True)
-        ]
+        names = [name for part in parts for name in part.names]
         ends = np.cumsum([len(part.value) for part in parts])[:-1]
 
         def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:

@@ -14,20 +14,25 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from tog_mjx.mjcf.fields import array_name, entries, field_of
+from tog_mjx.mjcf.fields import array_name, entries, entry_names, field_of
 from tog_mjx.mjcf.followers import Origin
 from tog_mjx.mjcf.parameter import ALONE, Parameter
 from tog_mjx.mjcf.unused import unused
 from tog_mjx.running.errors import InputError, require_kind
 from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.integration import positions_after, rotated
+from tog_mjx.stepping.mjx_state import START
 
-OF_DATA = ("ctrl", "qpos", "qvel", "act", "mocap_pos", "mocap_quat")
+OF_DATA = ("ctrl", *START)
 """Variables of the start and the inputs; all others are of the model."""
+TURNED = ("qpos", "mocap_quat")
+"""Those that have more numbers than displacements."""
+Placed = tuple[mjx.Model, dict[str, Array]]
+"""A model, and a start by the names of its fields in `mjx.Data`."""
 
 
 @dataclass(frozen=True, eq=False)
-class Variables:
+class Displacements:
     """Numbers of one array.
 
     Args:
@@ -83,20 +88,17 @@ class Variables:
     @property
     def scale(self) -> Float[np.ndarray, " n"]:
         """The size [n] of a displacement that is large: that of the number itself in the model, where it is not 0."""
-        if self.array in OF_DATA:
+        if self.parameter is None:
             return np.ones(len(self.chosen))
-        values = np.abs(field_of(self.model, self.array).ravel()[self.chosen])
+        values = np.abs(self.parameter.value)
         return np.where(values > 0, values, 1.0)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Of x [n]."""
-        indices = [", ".join(map(str, i)) for i in np.ndindex(self.shape)]
-        names = [f"{self.array}[{index}]" if index else self.array for index in indices]
         if self.array == "ctrl":
-            kind = mujoco.mjtObj.mjOBJ_ACTUATOR
-            names = [mujoco.mj_id2name(self.model, kind, i) or name for i, name in enumerate(names)]
-        return tuple(names[i] for i in self.chosen)
+            return control_names(self.model, self.chosen)
+        return entry_names(self.array, self.shape, self.chosen)
 
     @property
     def kin(self) -> Int[np.ndarray, " n"]:
@@ -117,18 +119,25 @@ class Variables:
         """Which of x [n] are numbers of the model that nothing reads."""
         return np.broadcast_to(unused(self.model, self.array), self.shape).ravel()[self.chosen]
 
-    def place(self, model: mjx.Model, data: mjx.Data, x: Float[Array, " n"]) -> tuple[mjx.Model, mjx.Data]:
+    def place(self, x: Float[Array, " n"], model: mjx.Model, start: dict[str, Array]) -> Placed:
         """The model and the start, displaced."""
         if self.parameter:
-            return self.parameter.moved(model, x), data
+            return self.parameter.moved(model, x), start
+        name, value = self.array, start[self.array]
         change = jnp.zeros(math.prod(self.shape), x.dtype).at[self.chosen].set(x).reshape(self.shape)
-        match self.array:
+        match name:
             case "qpos":
-                return model, data.replace(qpos=positions_after(model, data.qpos, change))
+                moved = positions_after(model, value, change)
             case "mocap_quat":
-                return model, data.replace(mocap_quat=jax.vmap(rotated)(data.mocap_quat, change))
-            case name:
-                return model, data.replace(**{name: getattr(data, name) + change})
+                moved = jax.vmap(rotated)(value, change)
+            case _:
+                moved = value + change
+        return model, {**start, name: moved}
+
+
+def control_names(model: mujoco.MjModel, chosen: Int[np.ndarray, " n"]) -> tuple[str, ...]:
+    """The actuators' names, or "ctrl[2]" of one without."""
+    return tuple(mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, i) or f"ctrl[{i}]" for i in chosen)
 
 
 def default_wrt(model: mujoco.MjModel) -> str:

@@ -15,7 +15,7 @@ from tog_mjx.checks.file.spoilers import Question, Spoiler
 from tog_mjx.checks.told.finding import Finding, Level
 from tog_mjx.mjcf.lines import Lines
 from tog_mjx.mjcf.supported import Culprit, ignored, name_of, unsupported
-from tog_mjx.problems.wrt import Variables
+from tog_mjx.problems.wrt import Displacements
 from tog_mjx.running.quiet import without_warnings
 from tog_mjx.stepping.mjx_state import copy_of, default_start
 
@@ -58,7 +58,7 @@ def preflight(
     model: mujoco.MjModel,
     path: str | Path | None = None,
     data: mujoco.MjData | None = None,
-    wrt: str | Variables = "",
+    wrt: str | Displacements = "",
     differentiation: str = "implicit",
 ) -> list[Remark]:
     """Reads a scene, and compiles nothing; the gravest remarks come first.
@@ -68,7 +68,7 @@ def preflight(
       data: the state the motion starts from, and its controls; left as it is. If None, where the
         scene starts.
       wrt: the variables of the derivative ("ctrl", "geom_friction[1, 0]", ...): some features spoil those in one field,
-        or in one number of it, alone. Or the `Variables` themselves.
+        or in one number of it, alone. Or the `Displacements` themselves.
       differentiation: "implicit", "saltation" or "native", see `tog.step`.
 
     Raises:
@@ -84,7 +84,7 @@ def preflight(
     remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, left_out)]
     if not any(remark.blocks for remark in remarks):
         with without_warnings():
-            x = Variables(model, wrt, path) if isinstance(wrt, str) and wrt else wrt or None
+            x = Displacements(model, wrt, path) if isinstance(wrt, str) and wrt else wrt or None
             array, chosen = (x.array, x.mask) if x else ("", np.zeros(0, bool))
             parameter = x.parameter if x else None
             question = Question(model, _state(model, data), array, chosen, differentiation, parameter)

@@ -18,7 +18,7 @@ from tog_mjx.running.batches import call_in_chunks
 from tog_mjx.stepping._mjx import constraint_rows, contacts, mjx, put_model
 from tog_mjx.stepping.constraints import constraint_hessian, read_rows, residual
 from tog_mjx.stepping.implicit import STEPS
-from tog_mjx.stepping.mjx_state import MOVING, STATE, state_of
+from tog_mjx.stepping.mjx_state import MOVING, STATE, on_mjx, state_of
 from tog_mjx.stepping.tangents import in_velocity_space, state_basis
 
 _CHUNK = 32
@@ -62,8 +62,8 @@ class Simulation:
     def __init__(self, scene: SceneFunction, directions: Float[np.ndarray, "n k"], states: bool = True):
         self.scene, self.directions = scene, directions
         self.model = put_model(scene.model)
-        self.data = scene.base(self.model)
-        jax.eval_shape(scene.observe, self.model, self.data)  # A cost that fails does so now, not after compilation.
+        self.data = on_mjx(self.model, scene.start)
+        jax.eval_shape(scene.y.observe, self.model, self.data)  # A cost that fails does so now, not after compilation.
         self._states = 2 * scene.model.nv + scene.model.na if states else 0
         self._rows = directions.shape[1] + self._states
         self._run = compile_quickly(self._motion)
@@ -111,7 +111,7 @@ class Simulation:
             state_of(data),
             length=self.scene.steps,
         )
-        return self.scene.observe(model, data.replace(**state))
+        return self.scene.y.observe(model, data.replace(**state))
 
     def _tangents(self, data: mjx.Data) -> dict[str, Array]:
         """Tangents of the initial state [K, ...] beside those that the variables bring."""
@@ -125,8 +125,8 @@ class Simulation:
 
     def _motion(self, model: mjx.Model, data: mjx.Data, tangents: dict[str, Array], steps: Int[Array, ""]) -> Any:
         k = self.directions.shape[1]
-        along = jnp.zeros((self._rows, self.scene.size)).at[:k].set(self.directions.T)
-        x = jnp.zeros(self.scene.size)
+        along = jnp.zeros((self._rows, len(self.directions))).at[:k].set(self.directions.T)
+        x = jnp.zeros(len(self.directions))
 
         def begin(x: Array, state: dict) -> dict:
             _, placed = self.scene.place(model, data.replace(**state), x)
@@ -137,7 +137,7 @@ class Simulation:
 
         def observe(x: Array, state: dict) -> Array:
             placed, start = self.scene.place(model, data, x)
-            return self.scene.observe(placed, start.replace(**state))
+            return self.scene.y.observe(placed, start.replace(**state))
 
         def with_tangents(function: Callable, state: dict, changes: dict) -> Any:
             one = lambda dx, change: jax.jvp(function, (x, state), (dx, change))  # noqa: E731

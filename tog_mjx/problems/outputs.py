@@ -3,16 +3,15 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from tog_mjx.mjcf.fields import array_name, entries
+from tog_mjx.problems.state import State
 from tog_mjx.running.errors import InputError, near, require_kind
-from tog_mjx.running.user_code import call, real
-from tog_mjx.stepping._mjx import constraint_rows, mjx
-from tog_mjx.stepping.implicit import FORWARDS
+from tog_mjx.running.user_code import number
+from tog_mjx.stepping._mjx import mjx
 
 Cost = Callable[[mjx.Data], Array]
 _SIZES = {"qpos": "nq", "qvel": "nv", "acc": "nv"}
@@ -68,72 +67,49 @@ class Outputs:
         Raises:
           InputError: for a cost that fails, or whose value is no number.
         """
+        state = State.at(self.model, model, data, self.differentiation)
         if not isinstance(self.output, str):
-            return _number(self.names[0], self.output, complete(model, data, self.differentiation))
-        kind, i = self._source
+            return number(f"the cost {self.names[0]}", self.output, state.data)[None].astype(float)
+        kind, name = self._source
         match kind:
             case "acc":
-                every = complete(model, data, self.differentiation).qacc
+                every = state.data.qacc
             case "sensor":
-                first = self.model.sensor_adr[i]
-                every = complete(model, data, self.differentiation).sensordata[first : first + self._shape[0]]
+                every = state.sensor(name)
             case "site":
-                every = mjx.kinematics(model, data).site_xpos[i]
-            case state:
-                every = getattr(data, state)
+                every = state.site(name)
+            case _:
+                every = getattr(state, kind)
         return every[entries(self.output, self._shape)]
 
     @property
-    def _source(self) -> tuple[str, int]:
-        """One of _SIZES, or "site" or "sensor" and its number."""
+    def _source(self) -> tuple[str, str]:
+        """One of _SIZES, or "site" or "sensor", and its name."""
         name = array_name(str(self.output))
-        return (name, 0) if name in _SIZES else _found(self.model, name)
+        return (name, name) if name in _SIZES else _found(self.model, name)
 
     @property
     def _shape(self) -> tuple[int]:
-        kind, i = self._source
+        kind, name = self._source
         if kind in _SIZES:
             return (getattr(self.model, _SIZES[kind]),)
-        return (3 if kind == "site" else int(self.model.sensor_dim[i]),)
+        return (3 if kind == "site" else int(self.model.sensor(name).dim[0]),)
 
 
-def complete(model: mjx.Model, data: mjx.Data, differentiation: str) -> mjx.Data:
-    """`data` with all that MJX computes of its state and inputs: poses, forces, accelerations, sensors, and the bodies'
-    forces and momenta. Under jit what is not read of it costs nothing."""
-    return completed(model, FORWARDS[differentiation](model, data))
-
-
-def completed(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """As `complete`, of data on which `forward` has been called."""
-    if constraint_rows(data).jacobian.size == 0:
-        data = mjx.sensor_acc(model, data)  # Which MJX leaves out where nothing can touch.
-    return mjx.subtree_vel(model, mjx.rne_postconstraint(model, data))
-
-
-def _number(name: str, cost: Cost, data: mjx.Data) -> Float[Array, "1"]:
-    number = real(f"the cost {name}", call(f"the cost {name} fails", cost, data), "one number")
-    if number.size != 1:
-        raise InputError(f"the cost {name} returns an array of shape {list(number.shape)}; give one number")
-    return jnp.reshape(number, (1,)).astype(float)
-
-
-def _found(model: mujoco.MjModel, name: str) -> tuple[str, int]:
+def _found(model: mujoco.MjModel, name: str) -> tuple[str, str]:
     """A site or a sensor of that name.
 
     Raises:
       InputError: with the names that there are.
     """
-    kinds = {"site": mujoco.mjtObj.mjOBJ_SITE, "sensor": mujoco.mjtObj.mjOBJ_SENSOR}
-    for kind, number in kinds.items():
-        if (i := mujoco.mj_name2id(model, number, name)) >= 0:
-            return kind, i
-    only = name.removeprefix("sensor:")
-    if only != name and (i := mujoco.mj_name2id(model, kinds["sensor"], only)) >= 0:
-        return "sensor", i
     sites, sensors = (
         [some for i in range(count) if (some := getattr(model, kind)(i).name)]
         for kind, count in (("site", model.nsite), ("sensor", model.nsensor))
     )
+    only = name.removeprefix("sensor:")
+    for kind, given, names in (("site", name, sites), ("sensor", name, sensors), ("sensor", only, sensors)):
+        if given in names:
+            return kind, given
     listed = f"; its sites: {', '.join(sites[:20])}" if sites else ""
     listed += f"; its sensors: {', '.join(sensors[:20])}" if sensors else ""
     close = near(name, [*_SIZES, *sites, *sensors])
