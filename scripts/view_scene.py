@@ -12,6 +12,7 @@ if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second 
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 import argparse
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,7 @@ def main() -> None:
     problem = Problem.load(args.scene) if is_problem(args.scene) else None
     path = Path(args.scene.rpartition(":")[0]) if problem else scene_path(args.scene)
     task = next((name for name in TASKS if scene_path(name).resolve() == path.resolve()), None)
-    model = problem.scene.model if problem else compile_model(path)
+    model = copy.copy(problem.scene.model) if problem else compile_model(path)
     setpoints, motion = None if args.setpoints is None else np.array(args.setpoints), None
     data = viewing.start(model, setpoints)
     check_writable(*args.files, inputs=[path, *(given for given in (args.run, args.x) if given)])
@@ -111,7 +112,7 @@ def check(parser: ArgumentParser, args: argparse.Namespace) -> argparse.Namespac
             parser.error(f"argument --{option}: it needs {needed}")
     if args.web and args.files:
         parser.error("argument --web: give it, or --gif and --mp4")
-    if args.web and args.speed and not args.run:
+    if args.web and args.speed and not (args.run or is_problem(args.scene)):
         parser.error("argument --speed: choose the speed of a live simulation on the page of --web")
     defaults = {"iterate": "best", "port": 0, "fps": 25.0, "size": [640, 360]}
     for option, value in defaults.items():

@@ -1,6 +1,7 @@
 """A problem that lives in a file of its own, at the command line: its verdict, its motion, and what is wrong in it."""
 
 import json
+import socket
 
 import jax
 import numpy as np
@@ -63,6 +64,15 @@ def test_it_gets_a_verdict_and_a_motion_to_look_at(run_script, file, tmp_path, m
     guess, pushed = moved
     assert len(guess) == len(pushed) > 5
     assert (guess[-1] != pushed[-1]).any()
+
+
+def test_the_page_that_shows_a_problem_has_a_speed(run_script, file):
+    """It gets as far as the port, which is taken."""
+    with socket.create_server(("", 0)) as taken:
+        port = taken.getsockname()[1]
+        status, _, complaint = run_script("view_scene.py", f"{file}:push", "--web", "--speed", 0.5, "--port", port)
+    assert status == 2
+    assert "the page cannot be served" in complaint.splitlines()[-1]
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from conftest import simulate_in_c
 from PIL import Image, ImageSequence
 from saved_run import COSTS, save_run
 
-from tog_mjx.drawing.viewing import Live, Loop, Motion, frame_times, simulate, start, write_gif
-from tog_mjx.drawing.viewing.camera import aim, window
+from tog_mjx.drawing.viewing import Live, Loop, Motion, frame_times, render, simulate, start, write_gif
+from tog_mjx.drawing.viewing.camera import aim, light, window
 from tog_mjx.drawing.viewing.child import run_python
 from tog_mjx.drawing.viewing.playback import HOLD
 from tog_mjx.engines.objective import rollout
@@ -120,6 +120,7 @@ def test_a_loop_keeps_pace_and_holds_its_end():
     data = mujoco.MjData(model)
     motion = Motion(np.array([0.0, 0.1, 0.2]), np.arange(15.0).reshape(3, 5))
     loop = Loop(model, data, motion, speed=0.5)
+    np.testing.assert_array_equal(data.qpos, motion.qpos[0])
     shown = []
     for seconds in (0.0, 0.1, 0.11, 0.25, HOLD - 0.1, 0.1):
         loop.advance(seconds)
@@ -172,9 +173,54 @@ def test_the_free_camera_is_turned_to_what_has_left_its_statistic():
     model = mujoco.MjModel.from_xml_string(
         "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
     )
-    aim(model, mujoco.MjData(model), np.array([[5.0, 0, 1, 1, 0, 0, 0], [7.0, 0, 1, 1, 0, 0, 0]]), 1.0)
-    np.testing.assert_allclose(model.stat.center, [6, 0, 1])
-    np.testing.assert_allclose(model.stat.extent, 2.2)
+    for aspect in (2.0, 0.5):
+        aim(model, mujoco.MjData(model), np.array([[5.0, 0, 1, 1, 0, 0, 0], [7.0, 0, 1, 1, 0, 0, 0]]), aspect)
+        np.testing.assert_allclose(model.stat.center, [6, 0, 1])
+        radius, distance = np.linalg.norm([2.2, 0.2, 0.2]) / 2, 1.5 * model.stat.extent  # As MuJoCo places it.
+        seen = distance * np.sin(np.deg2rad(model.vis.global_.fovy) / 2) * min(1, aspect)
+        assert radius < seen < 1.02 * radius
+
+
+CUBE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/>
+  <body pos="0.3 0 0.1"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>
+  <body pos="0 0 0.1"><joint type="slide" axis="1 0 0"/><geom size="0.1"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("backend", ["egl", "osmesa", "disable"])
+def test_what_moves_is_seen_in_a_scene_without_light_colour_or_camera(backend, monkeypatch):
+    """A sphere drives up to a cube on a plane, and both go on."""
+    monkeypatch.setenv("MUJOCO_GL", backend)
+    model = mujoco.MjModel.from_xml_string(CUBE)
+    qpos = np.array([[0.3, 0, 0.1, 1, 0, 0, 0, 0.0], [0.3, 0, 0.1, 1, 0, 0, 0, 0.1], [0.7, 0, 0.1, 1, 0, 0, 0, 0.5]])
+    images, method = render(model, mujoco.MjData(model), qpos, (160, 90))
+    if backend != "disable" and "without OpenGL" in method:
+        pytest.skip(f"no OpenGL here: {method}")
+    images = images.astype(int)
+    moving = np.ptp(images, axis=3) > 30  # The plane and its shadows are grey.
+    assert (moving.mean(axis=(1, 2)) > 0.03).all()
+    assert not moving[:, [0, -1]].any()
+    assert not moving[:, :, [0, -1]].any()
+    assert all(image[seen].max(axis=1).mean() > 120 for image, seen in zip(images, moving, strict=True))
+    assert np.median(images) > 90
+    ends = [np.flatnonzero(seen.any(axis=0))[[0, -1]] for seen in moving]
+    (left, right), (closer, still), (_, after) = ends
+    assert left + 5 < closer
+    assert abs(right - still) <= 1
+    assert still + 25 < after
+
+
+def test_the_light_and_the_colours_of_a_file_are_kept():
+    for task in ("flip", "grasp"):
+        model = model_of(task)
+        before = model.geom_rgba.copy(), model.vis.headlight.ambient.copy(), model.vis.headlight.diffuse.copy()
+        assert not light(model)
+        np.testing.assert_array_equal(model.geom_rgba, before[0])
+        np.testing.assert_array_equal([model.vis.headlight.ambient, model.vis.headlight.diffuse], before[1:])
+    lit = mujoco.MjModel.from_xml_string(CUBE.replace("<worldbody>", "<worldbody><light pos='0 0 3'/>", 1))
+    assert not light(lit)
+    mine = CUBE.replace("<worldbody>", "<visual><headlight diffuse='1 0 0'/></visual><worldbody>", 1)
+    assert not light(mujoco.MjModel.from_xml_string(mine))
+    assert light(mujoco.MjModel.from_xml_string(CUBE))
 
 
 def test_the_times_of_a_gif_do_not_drift(tmp_path):

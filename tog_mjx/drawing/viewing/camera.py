@@ -1,4 +1,4 @@
-"""What a frame shows: the view of a scene's camera, wide enough for the motion."""
+"""What a frame shows: the view of a scene's camera, of all that moves, in a light that shows it."""
 
 from typing import NamedTuple
 
@@ -12,6 +12,11 @@ _CAMERA = "plane"
 """Looks along y, orthographically."""
 _FREE_CAMERA_HEIGHT = 1.25
 """In extents of the model: what MuJoCo's free camera shows at the centre."""
+_FREE_CAMERA_SPHERE = 1.14
+"""In extents of the model: the diameter of a sphere that MuJoCo's free camera shows whole."""
+_GREY = (0.5, 0.5, 0.5, 1)
+"""The colour of a geom whose file gives none."""
+_COLORS = ((0.35, 0.55, 0.8, 1), (0.9, 0.6, 0.3, 1), (0.4, 0.7, 0.5, 1), (0.8, 0.5, 0.65, 1))
 
 
 class Window(NamedTuple):
@@ -36,9 +41,10 @@ def window(model: mujoco.MjModel) -> Window:
 
 
 def aim(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, "n nq"], aspect: float) -> None:
-    """Widens the view of the model's camera until nothing that moves leaves it. `aspect` is width over height.
+    """Turns the model's camera to what moves. `aspect` is width over height.
 
-    The camera `plane` shows the markers too, but those that are far away.
+    The view of the camera `plane` is widened until nothing that moves leaves it, nor a marker, but those that are far
+    away. The free camera is set so that it shows what moves, and little else.
     """
     moving = model.body_weldid[model.geom_bodyid] != 0
     if not moving.any():
@@ -62,9 +68,25 @@ def aim(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, "n n
         seen = np.array([np.min([seen[0], *points], axis=0), np.max([seen[1], *points], axis=0)])
         model.cam_pos[camera, [0, 2]] = seen.mean(axis=0)
         model.cam_fovy[camera] = (np.ptp(seen, axis=0) / [aspect, 1]).max()
-    elif plane_camera(model) < 0 and np.abs(ends - model.stat.center).max() > model.stat.extent:
+    elif plane_camera(model) < 0:
         model.stat.center[:] = ends.mean(axis=0)
-        model.stat.extent = np.ptp(ends, axis=0).max()
+        model.stat.extent = np.linalg.norm(np.ptp(ends, axis=0)) / _FREE_CAMERA_SPHERE / min(1, aspect)
+
+
+def light(model: mujoco.MjModel) -> bool:
+    """Brightens a model whose file has no light, and gives each body that moves a colour where it has MuJoCo's grey.
+
+    Returns whether there was no light; else nothing is changed.
+    """
+    given, usual = model.vis.headlight, mujoco.MjSpec().visual.headlight
+    if model.nlight or (given.ambient != usual.ambient).any() or (given.diffuse != usual.diffuse).any():
+        return False
+    given.ambient[:], given.diffuse[:], given.specular[:] = 0.35, 0.35, 0
+    for geom, body in enumerate(model.geom_bodyid):
+        is_grey = model.geom_matid[geom] < 0 and (model.geom_rgba[geom] == _GREY).all()
+        if is_grey and model.body_weldid[body]:
+            model.geom_rgba[geom] = _COLORS[body % len(_COLORS)]
+    return True
 
 
 def _near_markers(model: mujoco.MjModel, height: float, aspect: float) -> list[np.ndarray]:

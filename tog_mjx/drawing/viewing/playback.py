@@ -3,10 +3,13 @@
 import mujoco
 import numpy as np
 
+from tog_mjx.drawing.viewing.camera import aim, light
 from tog_mjx.drawing.viewing.shown import Motion, move_markers
 
 HOLD = 1.0
 """Seconds for which the start of a simulation and the end of a motion stay, to be seen."""
+_ASPECT = 1.5
+"""About the width of a viewer over its height."""
 _MAX_LAG = 0.1
 """Seconds of simulation that are made up for at most: where a computer is too slow, the simulation is slow too."""
 
@@ -18,6 +21,7 @@ class Live:
         self.model, self.data = model, data
         self._speed = speed
         self._owed = -HOLD * speed
+        light(model)
 
     def advance(self, seconds: float) -> None:
         self._owed += min(seconds, _MAX_LAG) * self._speed
@@ -34,6 +38,9 @@ class Loop:
         self.model, self.data = model, data
         self._motion, self._speed = motion, speed
         self._clock = 0.0
+        light(model)
+        aim(model, data, motion.qpos, _ASPECT)
+        self.advance(0.0)
 
     def advance(self, seconds: float) -> None:
         end = float(self._motion.time[-1])

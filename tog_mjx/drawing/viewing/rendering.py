@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from tog_mjx.drawing.viewing.camera import aim, plane_camera
+from tog_mjx.drawing.viewing.camera import aim, light, plane_camera
 from tog_mjx.drawing.viewing.child import run_python
 from tog_mjx.drawing.viewing.planar_frames import planar_frames
 from tog_mjx.running.errors import InputError
@@ -44,9 +44,10 @@ def render(
             "a shorter --duration or a higher --speed"
         )
     aim(model, data, qpos, size[0] / size[1])
+    is_dark = light(model)
     reasons = []
     for backend in _backends():
-        images = _gl_frames(backend, model, data, qpos, size)
+        images = _gl_frames(backend, model, data, qpos, size, is_dark)
         if not isinstance(images, str):
             return Frames(images, f"rendered by MuJoCo with OpenGL ({backend or 'default'})")
         reasons.append(f"{backend or 'default'}: {images}")
@@ -62,7 +63,7 @@ def _backends() -> tuple[str, ...]:
 
 
 def _gl_frames(
-    backend: str, model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray, size: tuple[int, int]
+    backend: str, model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray, size: tuple[int, int], is_dark: bool
 ) -> np.ndarray | str:
     """The frames, or one line that says why this backend makes none."""
     with tempfile.TemporaryDirectory() as name:
@@ -70,7 +71,7 @@ def _gl_frames(
         mujoco.mj_saveModel(model, str(folder / "model.mjb"), None)
         mocap = {"mocap_pos": data.mocap_pos, "mocap_quat": data.mocap_quat}
         states = {"qpos": qpos, "size": np.array(size), "camera": np.array(plane_camera(model)), **mocap}
-        np.savez(folder / "states.npz", **states)
+        np.savez(folder / "states.npz", is_dark=np.array(is_dark), **states)
         # PyOpenGL's own choice, which MuJoCo makes in this process, would bind the other one to the same backend.
         environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "PYOPENGL_PLATFORM")}
         program = str(Path(__file__).with_name("gl_frames.py"))
