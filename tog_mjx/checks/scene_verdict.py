@@ -1,5 +1,6 @@
 """The checks of a scene."""
 
+import functools
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -137,28 +138,29 @@ def _checks(
         names = scene.y.names
         return which_to_follow(simulation.values, simulation.value, at, scene.x.scale, motion.slopes, jumps, names)
 
+    def of_motion(checks: dict[str, Callable]) -> Iterator[tuple[str, Callable[[], Finding]]]:
+        return ((name, functools.partial(check, simulation, motion)) for name, check in checks.items())
+
     yield "finite", lambda: finite(motion)
     has_rival = scene.differentiation != "saltation"  # Stock MJX has no gradient with jumps.
     if not np.isfinite(motion.slopes).all():
         if has_rival and not quick:
-            yield "differentiation", lambda: differentiation(simulation, motion)
+            yield from of_motion({"differentiation": differentiation})
         if estimators:
             yield "estimators", lambda: compare(None)
         return
-    yield "solver", lambda: solver(simulation, motion)
+    yield from of_motion({"solver": solver})
     differences = sweep(simulation.values, at, simulation.directions)
     follows = scene.x.parameter is not None and len(scene.x.parameter.arrays) > 1
     if follows and (nothing := cancelled(motion.slopes, differences, motion.value, names)):
         yield "zeros", lambda: nothing
-        yield "growth", lambda: growth(simulation, motion)
-        yield "contacts", lambda: contacts(simulation, motion)
-        yield "parity", lambda: parity(simulation, motion)
+        yield from of_motion({"growth": growth, "contacts": contacts, "parity": parity})
         return
     unreached = lambda: untouched(simulation, motion)  # noqa: E731
     kin, unused = (scene.x.kin, scene.x.unused) if names == scene.x.names else (None, None)  # Directions are of all.
     outputs = scene.y.names, scene.y.bodies
     yield "zeros", lambda: zeros(motion.slopes, differences, names, *outputs, unreached, kin, unused)
-    yield "growth", lambda: growth(simulation, motion)  # Before what it is the cause of.
+    yield from of_motion({"growth": growth})  # Before what it is the cause of.
     jumps = find_jumps(simulation.values, at, simulation.directions, differences)
     where = lambda some: touch_down(simulation, *some.sides)  # noqa: E731
     lengths = np.linalg.norm(simulation.directions, axis=0)
@@ -174,18 +176,16 @@ def _checks(
     if lacks(motion.slopes, jumps):
         yield "time step", lambda: Finding("time step", Level.FINE, "not halved: no time step mends 'agreement'")
     else:
-        yield "time step", lambda: time_step(simulation, motion)
-    yield "contacts", lambda: contacts(simulation, motion)
-    yield "stiffness", lambda: stiffness(simulation, motion)
-    yield "parity", lambda: parity(simulation, motion)
+        yield from of_motion({"time step": time_step})
+    yield from of_motion({"contacts": contacts, "stiffness": stiffness, "parity": parity})
     if not quick:
-        yield "precision", lambda: precision(simulation, motion)
+        yield from of_motion({"precision": precision})
     if not quick or all(some.level < Level.FAULT for some in found):  # It changes no verdict of a fault.
         args = simulation.value, at, simulation.directions, motion.slopes
         yield "reverse mode", lambda: reverse(*args, compile_quickly)
     if not quick:
         if has_rival:
-            yield "differentiation", lambda: differentiation(simulation, motion)
+            yield from of_motion({"differentiation": differentiation})
         yield "cost", lambda: cost(simulation)
     if estimators:
         yield "estimators", lambda: compare(jumps)

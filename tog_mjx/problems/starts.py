@@ -46,5 +46,4 @@ class Starts:
             shape = (start[name] if name in START else getattr(model, name)).shape
             if value.shape[1:] != shape:
                 raise InputError(f"the starts' {name} has the shape {list(value.shape[1:])}; give {list(shape)}")
-        placed = {name: value for name, value in drawn.items() if name in START}
-        return placed, {name: value for name, value in drawn.items() if name not in START}
+        return {name: drawn.pop(name) for name in START if name in drawn}, drawn

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from tog_mjx.checks.file.spoilers import AGREEMENT, COARSE, Question, Spoiler
+from tog_mjx.checks.file.spoilers import AGREEMENT, COARSE, Question, Spoiler, of_one
 from tog_mjx.checks.told.finding import Level
 from tog_mjx.mjcf.parameter import ALONE
 from tog_mjx.mjcf.supported import Culprit, candidates, geoms_named, name_of
@@ -87,14 +87,14 @@ def stiff_springs(question: Question) -> Iterator[Spoiler]:
     model = question.model
     dofs = model.jnt_dofadr
     for what, kind, numbers, stiffness, joints in (
-        ("stiffness of joint", "joint", np.arange(model.njnt), model.jnt_stiffness, np.arange(model.njnt)),
-        ("kp of actuator", "actuator", *_servos(model)),
+        ("stiffness", "joint", np.arange(model.njnt), model.jnt_stiffness, np.arange(model.njnt)),
+        ("kp", "actuator", *_servos(model)),
     ):
         for i, spring, joint in zip(numbers.tolist(), stiffness, joints, strict=True):
             rate = float(np.sqrt(spring * model.dof_invweight0[dofs[joint]]))
             if rate * model.opt.timestep > COARSE:
-                told = f"{what} {name_of(model, kind, i)}: {_told(rate, model.opt.timestep)}"
-                yield Spoiler(Culprit(told, ((kind, i),)), _finer(rate), measured_by=TIME_STEP)
+                told = f"{what} of {{}}: {_told(rate, model.opt.timestep)}"
+                yield of_one(model, kind, i, told, _finer(rate), TIME_STEP)
 
 
 def _servos(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -127,9 +127,9 @@ def saturated_actuators(question: Question) -> Iterator[Spoiler]:
                 continue
             is_kink = what == "control" and values[i] in (low, high)
             why = "another derivative to either side" if is_kink else "the derivative in the control is zero"
-            told = f"the {what} of actuator {name_of(model, 'actuator', i)}, {values[i]:g}, is at its limit: {why}"
+            told = f"the {what} of {{}}, {values[i]:g}, is at its limit: {why}"
             remedy = f"keep it between {low:g} and {high:g}"
-            yield Spoiler(Culprit(told, (("actuator", i),)), remedy, measured_by=AGREEMENT if is_kink else "")
+            yield of_one(model, "actuator", i, told, remedy, AGREEMENT if is_kink else "")
 
 
 def touching_exactly(question: Question) -> Iterator[Spoiler]:
@@ -245,10 +245,9 @@ def infinite_stiffness(question: Question) -> Iterator[Spoiler]:
     bodies = {int(model.geom_bodyid[geom]) for first, second, _ in candidates(model) for geom in (first, second)}
     for body in sorted(bodies):
         if model.body_weldid[body] and model.body_invweight0[body, 0] < _UNMOVED:
-            what = f"body {name_of(model, 'body', body)}: a force at its centre does not move it, so that its contacts"
-            what += " are infinitely stiff"
+            told = "{}: a force at its centre does not move it, so that its contacts are infinitely stiff"
             remedy = "shift its centre of mass from the joint a little, or leave its contacts out"
-            yield Spoiler(Culprit(what, (("body", body),)), remedy)
+            yield of_one(model, "body", body, told, remedy)
 
 
 DETECTORS = (

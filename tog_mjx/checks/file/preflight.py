@@ -22,6 +22,11 @@ from tog_mjx.stepping.mjx_state import copy_of, default_start
 _OF_A_KIND = 5
 """Remarks that say the same of other elements; of more only the number is told."""
 
+_REFUSED = {
+    unsupported: "MJX does not support it: remove or replace it",
+    ignored: "MJX ignores it, so the motion is another one: remove it",
+}
+
 
 class Remark(NamedTuple):
     """What is the matter with a scene and in which element, in which lines (`scene.xml:12`, or ""), and the remedy.
@@ -76,12 +81,9 @@ def preflight(
     """
     lines = Lines(model, path)
     remarks = []
-    remedy = "MJX does not support it: remove or replace it"
-    refused = [Spoiler(culprit, remedy, Level.FAULT) for culprit in unsupported(model)]
-    remarks += [_remark(lines, spoiler, blocks=True) for spoiler in _grouped(model, refused)]
-    remedy = "MJX ignores it, so the motion is another one: remove it"
-    left_out = [Spoiler(culprit, remedy, Level.FAULT) for culprit in ignored(model)]
-    remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, left_out)]
+    for find, remedy in _REFUSED.items():
+        refused = [Spoiler(culprit, remedy, Level.FAULT) for culprit in find(model)]
+        remarks += [_remark(lines, spoiler, find is unsupported) for spoiler in _grouped(model, refused)]
     if not any(remark.blocks for remark in remarks):
         with without_warnings():
             x = Displacements(model, wrt, path) if isinstance(wrt, str) and wrt else wrt or None

@@ -12,7 +12,7 @@ from jaxtyping import Bool
 
 from tog_mjx.checks.told.finding import Level
 from tog_mjx.mjcf.parameter import Parameter
-from tog_mjx.mjcf.supported import Culprit, candidates, has_constraints, has_fluid, name_of, type_of
+from tog_mjx.mjcf.supported import Culprit, candidates, geoms_named, has_constraints, has_fluid, name_of, type_of
 from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.unrolled import LOOSE, SHORT_SEARCH
 
@@ -37,6 +37,11 @@ class Spoiler(NamedTuple):
     remedy: str
     level: Level = Level.CARE
     measured_by: str = ""
+
+
+def of_one(model: mujoco.MjModel, kind: str, i: int, told: str, remedy: str, check: str = "") -> Spoiler:
+    """One element is the culprit: `told` has "{}" where its kind and name belong; `check` measures whether it is."""
+    return Spoiler(Culprit(told.format(f"{kind} {name_of(model, kind, i)}"), ((kind, i),)), remedy, measured_by=check)
 
 
 AGREEMENT = "agreement"
@@ -91,8 +96,8 @@ def large_meshes(question: Question) -> Iterator[Spoiler]:
             graph = model.mesh_graphadr[model.geom_dataid[geom]]
             count = int(model.mesh_graph[graph]) if graph >= 0 else 0
             if count > _MANY_VERTICES:
-                what = f"geom {name_of(model, 'geom', geom)} collides by a hull of {count} vertices: slow on MJX"
-                yield Spoiler(Culprit(what, (("geom", geom),)), "set the mesh's maxhullvert, or use primitives")
+                told = f"{{}} collides by a hull of {count} vertices: slow on MJX"
+                yield of_one(model, "geom", geom, told, "set the mesh's maxhullvert, or use primitives")
 
 
 def contact_limits(question: Question) -> Iterator[Spoiler]:
@@ -116,17 +121,13 @@ def native(question: Question) -> Iterator[Spoiler]:
     for i in np.flatnonzero(model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)).tolist():
         first, size = int(model.jnt_dofadr[i]), 6 if model.jnt_type[i] == mujoco.mjtJoint.mjJNT_FREE else 3
         if not question.data.qvel[first + size - 3 : first + size].any():
-            what = f"joint {name_of(model, 'joint', i)} does not rotate: stock mjx.step drops a derivative there"
-            yield Spoiler(
-                Culprit(what, (("joint", i),)), f"{remedy}, or give it an angular velocity", measured_by=AGREEMENT
-            )
+            told = "{} does not rotate: stock mjx.step drops a derivative there"
+            yield of_one(model, "joint", i, told, f"{remedy}, or give it an angular velocity", AGREEMENT)
     low, high = model.tendon_lengthspring.T
     rests = (model.tendon_stiffness > 0) & (low == high) & (question.data.ten_length == low)
     for i in np.flatnonzero(rests).tolist():
-        what = (
-            f"tendon {name_of(model, 'tendon', i)} is at its rest length: stock mjx.step drops its spring's derivative"
-        )
-        yield Spoiler(Culprit(what, (("tendon", i),)), f"{remedy}, or begin elsewhere", measured_by=AGREEMENT)
+        told = "{} is at its rest length: stock mjx.step drops its spring's derivative"
+        yield of_one(model, "tendon", i, told, f"{remedy}, or begin elsewhere", AGREEMENT)
 
 
 def solver(question: Question) -> Iterator[Spoiler]:
@@ -163,13 +164,12 @@ def differences_from_c(question: Question) -> Iterator[Spoiler]:
     if model.opt.enableflags & mjx.EnableBit.SLEEP:
         yield Spoiler(Culprit("<flag sleep='enable'>: on MJX no body sleeps", attribute="sleep"), "disable it")
     for i in np.flatnonzero(model.actuator_actearly).tolist():
-        what = f"actearly of actuator {name_of(model, 'actuator', i)}: MJX applies the activation one step later"
-        yield Spoiler(Culprit(what, (("actuator", i),)), "leave it out")
+        yield of_one(model, "actuator", i, "actearly of {}: MJX applies the activation one step later", "leave it out")
     for kind, prefix in (("joint", "jnt"), ("tendon", "tendon")):
         limited, span = getattr(model, f"{prefix}_limited"), np.ptp(getattr(model, f"{prefix}_range"), axis=1)
         for i in np.flatnonzero((limited != 0) & (span < 2 * getattr(model, f"{prefix}_margin"))).tolist():
-            what = f"{kind} {name_of(model, kind, i)} is within the margin of both limits: MJX sees the nearer alone"
-            yield Spoiler(Culprit(what, ((kind, i),)), "reduce the margin")
+            told = "{} is within the margin of both limits: MJX sees the nearer alone"
+            yield of_one(model, kind, i, told, "reduce the margin")
 
 
 def upright_capsules(question: Question) -> Iterator[Spoiler]:
@@ -183,7 +183,7 @@ def upright_capsules(question: Question) -> Iterator[Spoiler]:
             continue
         axes = [data.geom_xmat[some].reshape(3, 3)[:, 2] for some in (plane, geom)]
         if abs(axes[0] @ axes[1]) > np.sqrt(3) / 2:
-            what = f"geom {name_of(model, 'geom', geom)} (capsule) stands on geom {name_of(model, 'geom', plane)}"
+            what = f"{geoms_named(model, [geom])} (capsule) stands on {geoms_named(model, [plane])}"
             what += ": the axes of its friction pyramid are not those of C MuJoCo, and jump as it tilts by 30 degrees"
             yield Spoiler(Culprit(what, (("geom", geom),)), "set cone='elliptic', which has no axes")
 
@@ -193,8 +193,8 @@ def far_away(question: Question) -> Iterator[Spoiler]:
     for body in range(1, model.nbody):
         distance = float(np.linalg.norm(question.data.xipos[body]))
         if distance > _FAR and model.body_weldid[body]:
-            what = f"body {name_of(model, 'body', body)} is {distance:.2g} m from the origin: float32 cannot resolve it"
-            yield Spoiler(Culprit(what, (("body", body),)), "move the scene to the origin, or use float64")
+            told = f"{{}} is {distance:.2g} m from the origin: float32 cannot resolve it"
+            yield of_one(model, "body", body, told, "move the scene to the origin, or use float64")
 
 
 def tendons_without_direction(question: Question) -> Iterator[Spoiler]:
@@ -213,9 +213,8 @@ def tendons_without_direction(question: Question) -> Iterator[Spoiler]:
         has_spring = model.tendon_stiffness[i] > 0
         is_plain = len(wraps) == 2 and (not has_spring or model.tendon_lengthspring[i, 1] == 0)
         if meets.any() and (is_loaded[i] or (has_spring and not is_plain)):
-            what = f"tendon {name_of(model, 'tendon', i)}: two of its sites are in one place, where it has no direction"
-            remedy = "start with the sites apart"
-            yield Spoiler(Culprit(what, (("tendon", i),)), remedy, measured_by=AGREEMENT)
+            told = "{}: two of its sites are in one place, where it has no direction"
+            yield of_one(model, "tendon", i, told, "start with the sites apart", AGREEMENT)
 
 
 def clamped_tendons(question: Question) -> Iterator[Spoiler]:
@@ -224,10 +223,8 @@ def clamped_tendons(question: Question) -> Iterator[Spoiler]:
     pulls = model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON
     for i in np.flatnonzero(model.tendon_actfrclimited).tolist():
         if data.actuator_force[pulls & (model.actuator_trnid[:, 0] == i)].sum() == 0:
-            what = f"actuatorfrcrange of tendon {name_of(model, 'tendon', i)}: reverse mode is NaN where its actuators"
-            remedy = "give each actuator a forcerange instead"
-            culprit = Culprit(f"{what} pull with no force", (("tendon", i),))
-            yield Spoiler(culprit, remedy, measured_by="reverse mode")
+            told = "actuatorfrcrange of {}: reverse mode is NaN where its actuators pull with no force"
+            yield of_one(model, "tendon", i, told, "give each actuator a forcerange instead", "reverse mode")
 
 
 def drifting_equalities(question: Question) -> Iterator[Spoiler]:

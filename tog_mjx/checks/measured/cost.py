@@ -45,11 +45,8 @@ def _measure(name: str, function: Callable, x: jax.Array) -> dict[str, Any]:
     program = unless_refused(lambda: jax.jit(function).lower(x).compile())
     if program is None:
         return dict.fromkeys(("compile s", "run s", "MB"), np.nan) | {"way": name}
-    compiled, runs = time.perf_counter() - begin, []
-    for _ in range(3):
-        begin = time.perf_counter()
-        jax.block_until_ready(program(x))
-        runs.append(time.perf_counter() - begin)
+    compiled = time.perf_counter() - begin
+    runs = [seconds_of(lambda: jax.block_until_ready(program(x))) for _ in range(3)]
     memory = program.memory_analysis()
     megabytes = memory.temp_size_in_bytes / 1e6 if memory else np.nan
     return {"way": name, "compile s": compiled, "run s": min(runs), "MB": megabytes}
@@ -58,10 +55,11 @@ def _measure(name: str, function: Callable, x: jax.Array) -> dict[str, Any]:
 def _seconds_of_c(simulation: Simulation) -> float:
     """Of one motion of C MuJoCo on one core."""
     scene = simulation.scene
-    times = []
-    for _ in range(2):
-        data = copy_of(scene.model, scene.start)
-        begin = time.perf_counter()
-        mujoco.mj_step(scene.model, data, scene.steps)
-        times.append(time.perf_counter() - begin)
-    return min(times)
+    starts = [copy_of(scene.model, scene.start) for _ in range(2)]
+    return min(seconds_of(mujoco.mj_step, scene.model, data, scene.steps) for data in starts)
+
+
+def seconds_of(run: Callable, *args: Any) -> float:
+    begin = time.perf_counter()
+    run(*args)
+    return time.perf_counter() - begin

@@ -6,7 +6,6 @@ jumps; the exact gradient and the mean of exact gradients at perturbed points ar
 as a typical w is tried against each: which lowers J most, for what 8 exact gradients cost?
 """
 
-import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from tog_mjx.checks.measured.cost import seconds_of
 from tog_mjx.checks.measured.jumps import Jumps, lacks
 from tog_mjx.checks.step_check import compile_quickly
 from tog_mjx.checks.told.finding import Finding, Level
@@ -231,9 +231,5 @@ def _listed(numbers: Any) -> str:
 def _measured_charge(values: Batch, gradients: Batch, n: int) -> float:
     """Values that take as long as a gradient, on this machine; earlier calls have compiled."""
     points = np.zeros((SAMPLES, n))
-    seconds = []
-    for batch in (values, gradients):
-        begin = time.perf_counter()
-        batch(points)
-        seconds.append(time.perf_counter() - begin)
-    return seconds[1] / seconds[0]
+    of_values, of_gradients = (seconds_of(batch, points) for batch in (values, gradients))
+    return of_gradients / of_values

@@ -27,15 +27,12 @@ def parity(simulation: Simulation, motion: Motion) -> Finding:
     chosen = np.unique(np.linspace(0, len(motion.times) - 2, STATES).astype(int))
     apart, slopes_apart, is_steady = [], [], scene.differentiation != "saltation"  # Short differences see no jump.
     for number, i in enumerate(chosen):
-        start = {name: values[i] for name, values in motion.states.items()}
+        start = motion.at(i)
         one = simulation.run(steps=1, start=start)
         after, jacobian = _step_of_c(
             scene.model, copy_of(scene.model, scene.start, **start), is_steady and number % EVERY == 0
         )
-        change, expected = (
-            np.concatenate([end[name] - start[name] for name in MOVING])
-            for end in ({name: values[-1] for name, values in one.states.items()}, after)
-        )
+        change, expected = (np.concatenate([end[name] - start[name] for name in MOVING]) for end in (one.at(-1), after))
         apart.append(relative(change, expected))
         slopes_apart.append(relative(one.jacobians[-1], jacobian) if jacobian is not None else np.nan)
     worst, typical = float(np.max(apart)), float(np.median([*(x for x in slopes_apart if np.isfinite(x))] or np.nan))
@@ -54,8 +51,7 @@ def parity(simulation: Simulation, motion: Motion) -> Finding:
     if worst <= CLOSE and drift <= FAR and not typical > CLOSE_SLOPES:
         return Finding("parity", Level.FINE, sentence, worst, "", curves)
     at = chosen[int(np.argmax(apart if worst > CLOSE else np.nan_to_num(slopes_apart)))]
-    state = {name: values[at] for name, values in motion.states.items()}
-    if found := first_apart(scene.model, copy_of(scene.model, scene.start, **state)):
+    if found := first_apart(scene.model, copy_of(scene.model, scene.start, **motion.at(at))):
         told = f"{sentence}; in step {motion.times[at]} they part in {found.what}"
         return Finding("parity", Level.CARE, told, worst, found.remedy, curves)
     remedy = (

@@ -55,6 +55,10 @@ class Motion(NamedTuple):
     geoms: np.ndarray
     correction: np.ndarray
 
+    def at(self, sample: int) -> dict[str, np.ndarray]:
+        """One of the states."""
+        return {name: values[sample] for name, values in self.states.items()}
+
 
 class Simulation:
     """A scene function, compiled for `directions` [n, k]; `states` adds those of the initial state, 2 nv + na."""
@@ -79,20 +83,15 @@ class Simulation:
         states = {name: found[name][used] for name in STATE}
         each = zip(states["qpos"], found["change"][used], strict=True)  # [nq], [K, nq + nv + na]
         tangent = np.stack([in_velocity_space(self.scene.model, qpos, change) for qpos, change in each])
-        return Motion(
-            value=found["value"],
-            slopes=found["slopes"].T[:, :k],
-            bad_value=found["bad_value"],
-            bad_slope=found["bad_slope"],
-            times=found["step"][used],
-            moved=np.linalg.norm(tangent[:, :k], axis=2),
-            jacobians=tangent[:, k:].swapaxes(1, 2),
-            states=states,
-            distance=found["distance"],
-            distance_step=found["distance_step"],
-            geoms=found["geoms"].astype(int),
-            correction=found["correction"],
-        )
+        changed = {
+            "slopes": found["slopes"].T[:, :k],
+            "times": found["step"][used],
+            "moved": np.linalg.norm(tangent[:, :k], axis=2),
+            "jacobians": tangent[:, k:].swapaxes(1, 2),
+            "states": states,
+            "geoms": found["geoms"].astype(int),
+        }
+        return Motion(**{name: changed[name] if name in changed else found[name] for name in Motion._fields})
 
     def differentiated(self, differentiation: str) -> Motion:
         """The same motion, differentiated otherwise."""

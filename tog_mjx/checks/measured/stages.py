@@ -84,15 +84,11 @@ def _met(model: mujoco.MjModel, motion: Motion, contact: int) -> tuple[str, floa
 
 def _thickness(model: mujoco.MjModel, geom: int) -> float:
     """Half the least extent of a geom; a plane or height field has none."""
-    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
-    thick = {
-        int(mujoco.mjtGeom.mjGEOM_PLANE): np.inf,
-        int(mujoco.mjtGeom.mjGEOM_HFIELD): np.inf,
-        int(mujoco.mjtGeom.mjGEOM_SPHERE): size[0],
-        int(mujoco.mjtGeom.mjGEOM_CAPSULE): size[0],
-        int(mujoco.mjtGeom.mjGEOM_CYLINDER): min(size[:2]),
-    }
-    return float(thick.get(kind, min(size)))
+    kinds, kind = mujoco.mjtGeom, mujoco.mjtGeom(model.geom_type[geom])
+    if kind in (kinds.mjGEOM_PLANE, kinds.mjGEOM_HFIELD):
+        return np.inf
+    radii = {kinds.mjGEOM_SPHERE: 1, kinds.mjGEOM_CAPSULE: 1, kinds.mjGEOM_CYLINDER: 2}
+    return float(min(model.geom_size[geom][: radii.get(kind, 3)]))
 
 
 def growth(simulation: Simulation, motion: Motion) -> Finding:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from tog_mjx.checks.measured.recorded import Motion, Simulation
 from tog_mjx.mjcf.supported import geoms_named, name_of
-from tog_mjx.stepping.mjx_state import INPUTS, STATE, copy_of, state_of
+from tog_mjx.stepping.mjx_state import INPUTS, copy_of, state_of
 
 NOTHING = 1e-9
 """Distance of two states that counts as none: the variables to either side of a jump differ by ten times as much."""
@@ -52,16 +52,14 @@ class _Side:
         self.c_model = parameter.in_c(parameter.value + x) if parameter else simulation.scene.model
 
     def run(self, steps: int, motion: Motion | None = None, sample: int = 0) -> Motion:
-        state = {name: values[sample] for name, values in motion.states.items()} if motion else {}
-        return self.simulation.run(self.model, steps, {**self.start, **state})
+        return self.simulation.run(self.model, steps, {**self.start, **(motion.at(sample) if motion else {})})
 
     def acting(self, motion: Motion, sample: int) -> Counter[str]:
         """Contacts (those of MJX) and limits that have a force in the step from a sample on, by name."""
         model = self.c_model
-        state = {name: motion.states[name][sample] for name in STATE}
         one = self.run(1, motion, sample)
         names = [geoms_named(model, pair) for pair in one.geoms[one.distance < 0].tolist()]
-        data = copy_of(model, self.simulation.scene.start, **self.inputs, **state)
+        data = copy_of(model, self.simulation.scene.start, **self.inputs, **motion.at(sample))
         mujoco.mj_fwdPosition(model, data)
         for row, i in zip(data.efc_type.tolist(), data.efc_id.tolist(), strict=True):
             if kind := _LIMITS.get(row):

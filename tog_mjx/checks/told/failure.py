@@ -16,11 +16,9 @@ def failure(model: mujoco.MjModel, error: Exception) -> Finding | None:
     if isinstance(error, jax.errors.JaxRuntimeError) and "RESOURCE_EXHAUSTED" in str(error):
         told = str(error).partition("RESOURCE_EXHAUSTED:")[2].strip().splitlines()
         sentence = f"the motion with its derivatives does not fit into memory: {told[0] if told else 'it gives out'}"
-        return _fault(sentence, "give meshes that collide a small maxhullvert, or collide fewer geoms, or primitives")
-    if why := step_failure(model):
-        return _fault(f"MJX cannot step this scene: {why}", "remove what the message speaks of")
-    return None
-
-
-def _fault(sentence: str, remedy: str) -> Finding:
+        remedy = "give meshes that collide a small maxhullvert, or collide fewer geoms, or primitives"
+    elif why := step_failure(model):
+        sentence, remedy = f"MJX cannot step this scene: {why}", "remove what the message speaks of"
+    else:
+        return None
     return Finding("motion", Level.FAULT, sentence, None, remedy)
