@@ -65,7 +65,12 @@ def gradient_charge(name: str, differentiation: str | None = None) -> float:
 
 
 def precision(simulator: str, **options: str):
-    """A context: the precision in which a simulator's numbers are told, float64 unless it says otherwise."""
+    """A context: the precision in which a simulator's numbers are told, float64 unless it says otherwise.
+
+    Raises:
+      InputError: for an unknown engine, option or value.
+    """
+    check_names(simulator, options)
     in_float32 = getattr(SIMULATORS[simulator], "in_float32", None)
     return jax.enable_x64(in_float32 is None or not in_float32(**options))
 

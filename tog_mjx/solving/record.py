@@ -27,7 +27,8 @@ def load_descent(path: Path) -> tuple[Descent, dict[str, Any]]:
     arrays, attributes = load_result(path)
     try:
         count, n = arrays["setpoints"].shape
-        of_shapes(path, arrays, costs=(count,), setpoints=(count, n), gradients=(count, n))
+        of_shapes(path, arrays, setpoints=(count, n), gradients=(count, n))
+        of_shapes(path, arrays, **{name: (count,) for name in ("costs", *({"held_out"} & set(arrays)))})
         if not (count and np.isfinite(arrays["costs"]).all() and np.isfinite(arrays["setpoints"]).all()):
             raise ValueError("costs and setpoints are not finite ones of an iterate or more")
         seconds = {name: float(attributes[name]) for name in ("seconds_compile", "seconds_run")}

@@ -8,11 +8,8 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tog_mjx.drawing.figures.landscapes import NAMES, Surface, fill
+from tog_mjx.drawing.figures.landscapes import NAMES, Arrows, Surface, draw_downhill, fill
 from tog_mjx.drawing.figures.style import GUESS, RC, new_figure
-
-Arrows = tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]
-"""Points [N, 2] and the gradients there [N, 2], as a `GradientField` has."""
 
 
 def draw_agreement(
@@ -36,28 +33,12 @@ def draw_agreement(
         levels = np.linspace(low, high, 15)
         for axes, (code, (surface, arrows)) in zip(panels, fields.items(), strict=True):
             filled = fill(axes, surface, levels, names)
-            _draw_downhill(axes, *arrows)
+            draw_downhill(axes, *arrows)
             axes.plot(*guess, **GUESS)
             axes.set_title(code, loc="left")
         figure.colorbar(filled, ax=panels, label=cost, shrink=0.85, format="%.2f")
         _draw_angles(last, degrees, tuple(fields))
     return figure
-
-
-def _draw_downhill(axes: Axes, points: Float[np.ndarray, "N 2"], gradients: Float[np.ndarray, "N 2"]) -> None:
-    """Arrows of one length, none where the gradient is zero."""
-    norm = np.linalg.norm(gradients, axis=1)
-    moving = norm > 1e-9
-    downhill = -gradients[moving] / norm[moving, None]
-    axes.quiver(
-        *points[moving].T,
-        *downhill.T,
-        color="white",
-        edgecolor="black",
-        linewidth=0.3,
-        pivot="mid",
-        width=0.007,
-    )
 
 
 def _draw_angles(axes: Axes, degrees: Float[np.ndarray, " N"], names: tuple[str, ...]) -> None:

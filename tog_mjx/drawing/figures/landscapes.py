@@ -16,6 +16,8 @@ Surface = tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ _"]]
 """Points [n * n, 2] of a grid, along the first variable first, and the costs there [n, n], as a `Landscape` has."""
 Path = tuple[Float[np.ndarray, "_ _"], Float[np.ndarray, " _"]]
 """Iterates [k, m], of which the first two variables are drawn, and their costs [k]."""
+Arrows = tuple[Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]
+"""Points [N, 2] and the gradients there [N, 2], as a `GradientField` has."""
 NAMES = ("first variable", "second variable")
 
 
@@ -28,12 +30,16 @@ def draw_landscape(
     title: str = "",
     cost: str = "cost $J$",
     names: tuple[str, str] = NAMES,
+    arrows: Arrows | None = None,
 ) -> Figure:
-    """Filled contours at these levels of cost, and the paths (by method) as far as they lie in the grid."""
+    """Filled contours at these levels of cost, and the paths (by method) as far as they lie in the grid; arrows point
+    downhill."""
     with rc_context({**RC, "axes.grid": False}):
         figure = new_figure(6.0, 4.6)
         axes = figure.subplots()
         figure.colorbar(fill(axes, surface, levels, names), ax=axes, label=cost)
+        if arrows:
+            draw_downhill(axes, *arrows)
         for method, path in paths.items():
             _draw_path(axes, method, *path)
         axes.plot(*guess, **GUESS)
@@ -53,6 +59,23 @@ def fill(axes: Axes, surface: Surface, levels: Float[np.ndarray, " L"], names: t
     axes.set_xlabel(names[0])
     axes.set_ylabel(names[1])
     return filled
+
+
+def draw_downhill(axes: Axes, points: Float[np.ndarray, "N 2"], gradients: Float[np.ndarray, "N 2"]) -> None:
+    """Arrows of one length, none where the gradient is zero."""
+    norm = np.linalg.norm(gradients, axis=1)
+    moving = norm > 1e-9
+    downhill = -gradients[moving] / norm[moving, None]
+    axes.quiver(
+        *points[moving].T,
+        *downhill.T,
+        color="white",
+        edgecolor="black",
+        linewidth=0.3,
+        angles="xy",
+        pivot="mid",
+        width=0.007,
+    )
 
 
 def _draw_path(axes: Axes, method: str, points: Float[np.ndarray, "k _"], costs: Float[np.ndarray, " k"]) -> None:

@@ -39,5 +39,7 @@ def picture(costs: Float[np.ndarray, "n n"], highest: float) -> str:
     return data_uri(file.getvalue())
 
 
-def data_uri(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode()
+def data_uri(image: bytes) -> str:
+    """Of a PNG or a GIF."""
+    kind = "gif" if image.startswith(b"GIF") else "png"
+    return f"data:image/{kind};base64," + base64.b64encode(image).decode()

@@ -17,7 +17,7 @@ from tog_mjx.running.storage import atomic_write
 
 
 class Picture(NamedTuple):
-    """A figure, or the path of a PNG; its name ("Figure 2"), and what it shows in words."""
+    """A figure, or the path of a PNG or a GIF; its name ("Figure 2"), and what it shows in words."""
 
     image: Path | Figure
     name: str
@@ -61,7 +61,7 @@ def write_page(
     """
     files = resources.files(__package__)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True)
-    environment.filters["data_uri"] = lambda image: data_uri(_png(image))
+    environment.filters["data_uri"] = lambda image: data_uri(_content(image))
     # Inside a script element, "</" would end it.
     environment.filters["script"] = lambda value: json.dumps(value, allow_nan=False).replace("</", "<\\/")
     page = environment.from_string(files.joinpath("page.html").read_text()).render(
@@ -79,7 +79,7 @@ def write_page(
         file.write(page.encode())
 
 
-def _png(image: Path | Figure) -> bytes:
+def _content(image: Path | Figure) -> bytes:
     if isinstance(image, Path):
         return image.read_bytes()
     file = io.BytesIO()

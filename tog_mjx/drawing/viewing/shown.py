@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import NamedTuple
 
-import jax
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.engines.objective import objective
+from tog_mjx.engines import objective, precision
 from tog_mjx.problems import Problem
 from tog_mjx.running.errors import InputError
 from tog_mjx.running.quiet import without_warnings
@@ -87,14 +86,14 @@ def simulate(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> Mot
     return Motion(np.arange(len(qpos)) * model.opt.timestep, np.array(qpos))
 
 
-def motion_of(problem: Problem, x: Numbers) -> Motion:
-    """That of a problem on MJX, under its variables x [n].
+def motion_of(problem: Problem, x: Numbers, engine: str = "mjx") -> Motion:
+    """That of a problem under its variables x [n].
 
     Raises:
       InputError: for an x of another shape, or a motion that does not stay finite.
     """
-    with jax.enable_x64():
-        found = objective(problem).motion(x)
+    with precision(engine):
+        found = objective(problem, engine).motion(x)
     qpos = np.asarray(found.qpos)
     if not np.isfinite(qpos).all():
         step = int(np.isfinite(qpos).all(1).argmin())

@@ -1,0 +1,221 @@
+"""Descend on a problem of your own, as my_problem.py:push: what is best, how it moves, and the landscape around it.
+
+Writes best.npy, descent.npz, figures, a GIF and a page, index.html. A landscape that was killed goes on where it was.
+"""
+
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+import argparse
+import contextlib
+import copy
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.ticker import MaxNLocator
+from rich.console import Console
+
+import tog_mjx as tog
+from tog_mjx.drawing import viewing
+from tog_mjx.drawing.figures import draw_descents, draw_landscape
+from tog_mjx.drawing.figures.style import save_figure
+from tog_mjx.drawing.report.page import Picture, Section, Table, write_page
+from tog_mjx.engines import SIMULATORS, gradient_charge, precision
+from tog_mjx.problems import Plane
+from tog_mjx.problems.library import LIBRARY, get_problem
+from tog_mjx.running.console import GRID_MOST, ArgumentParser, Work, run_main, within
+from tog_mjx.running.digests import function_digest, lowered, program_digest
+from tog_mjx.running.storage import DamagedFileError, atomic_write, check_writable
+from tog_mjx.solving import solve as solving
+from tog_mjx.solving.descent import Descent
+from tog_mjx.solving.record import load_descent, save_descent
+from tog_mjx.stepping.implicit import STEPS as DIFFERENTIATIONS
+from tog_mjx.studies.landscape import gradient_field, landscape
+
+ARROWS = 10
+"""Gradients of the landscape, along each axis."""
+FPS, SECONDS, PIXELS = 25.0, 2.0, (640, 360)
+"""Of the GIF, which is slowed down where the motion is shorter."""
+TOLD = 8
+"""Variables on the screen; the page has all, to `MOST`."""
+MOST = 100
+
+
+def main() -> None:
+    args = parse_arguments()
+    console = Console(soft_wrap=True, highlight=False)
+    problem = get_problem(args.problem) if args.problem in LIBRARY else tog.Problem.load(args.problem)
+    out = args.out or Path("results") / problem.name
+    names = ("best.npy", "descent.npz", "descent.png", "landscape.png", "motion.gif", "index.html")
+    check_writable(*(out / name for name in names))
+    pair = args.landscape or (0, 1)
+    if args.size and (args.landscape or len(problem.x0) > 1):  # Names are checked before the work.
+        plane_of(problem, pair, problem.x0[None])
+    method = "saltation" if args.differentiation == "saltation" else "exact"
+
+    work = Work(console)
+    descent = descend(problem, args, out / "descent.npz", work)
+    with atomic_write(out / "best.npy") as file:
+        np.save(file, descent.best)
+    lines = told(problem, args.engine, descent)
+    console.print("\n".join(lines), markup=False)
+    pictures = [descent_picture(problem, descent, method, out)]
+    if args.size and len(problem.x0) > 1:
+        plane = plane_of(problem, pair, descent.setpoints, descent.best_iteration)
+        pictures.append(landscape_picture(problem, args, plane, descent, method, out, work))
+    pictures.append(motion_picture(problem, descent.best, args.engine, out))
+    sections = [
+        Section("What it found", pictures),
+        Section("The best variables", table=table_of(problem, descent.best)),
+    ]
+    subject = f"{args.problem}: {len(problem.x0)} variables, {problem.steps} time steps, on {args.engine}"
+    write_page(out / "index.html", problem.name, subject, lines, sections, footer="scripts/solve_problem.py")
+    console.print(f"best.npy, descent.npz, the figures and index.html are in {out}", markup=False)
+
+
+def parse_arguments() -> argparse.Namespace:
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("problem", help=f"file.py:function or package.module:function, or {', '.join(LIBRARY)}")
+    parser.add_argument("--engine", choices=list(SIMULATORS), default="mjx", help="default: %(default)s")
+    parser.add_argument("--budget", type=within(float, 1, 1e9), default=1000, metavar="N",
+                        help="evaluations of J; a gradient takes about 4 (default: %(default)s)")  # fmt: skip
+    parser.add_argument("--differentiation", choices=list(DIFFERENTIATIONS), help="default: that of the engine")
+    parser.add_argument("--out", type=Path, metavar="FOLDER", help="default: results/NAME")
+    parser.add_argument("--landscape", nargs=2, metavar=("A", "B"),
+                        help="variables, by name or number (default: the first two)")  # fmt: skip
+    parser.add_argument("--size", type=within(int, 0, GRID_MOST), default=40, metavar="K",
+                        help="of the landscape: K x K points (default: %(default)s; 0: none)")  # fmt: skip
+    parser.add_argument("--resume", action="store_true", help="read a finished descent of the same problem again")
+    args = parser.parse_args()
+    if args.size == 1:
+        parser.error("argument --size: 1 is too small; give 2 or more, or 0 for no landscape")
+    return args
+
+
+def options_of(args: argparse.Namespace) -> dict[str, Any]:
+    return {"differentiation": args.differentiation} if args.differentiation else {}
+
+
+def descend(problem: tog.Problem, args: argparse.Namespace, path: Path, work: Work) -> Descent:
+    """The descent that `path` keeps of this problem, with --resume, or a new one."""
+    options = options_of(args)
+    with precision(args.engine, **options):
+        J = tog.objective(problem, args.engine, **options)
+        x, bound = problem.check(problem.x0), problem.bound
+        settings: dict[str, Any] = {
+            "engine": args.engine,
+            "budget": args.budget,
+            **options,
+            "problem": function_digest(lowered(J, x), np.asarray(x), *problem.limits, bound.scale),
+            "program": program_digest(solving.__name__),
+        }
+        if args.resume:
+            with contextlib.suppress(FileNotFoundError, DamagedFileError):
+                descent, made_with = load_descent(path)
+                if made_with == settings:
+                    return descent
+                work.console.print(
+                    f"{path} is of another problem, or of other settings: descending again", markup=False
+                )
+        total = max(1, int(args.budget / gradient_charge(args.engine, args.differentiation)))
+        with work.piece(f"descent on {problem.name}", total) as report:
+            descent = tog.solve(problem, budget=args.budget, engine=args.engine, report=report, **options)
+    save_descent(path, descent, settings)
+    return descent
+
+
+def told(problem: tog.Problem, engine: str, descent: Descent) -> list[str]:
+    """What came out, in a few lines."""
+    judged = descent.costs if descent.held_out is None else descent.held_out
+    first, best = judged[0], judged[descent.best_iteration]
+    solved = ""
+    if problem.success is not None:
+        word = "solved, below" if best < problem.success else "not solved, which is below"
+        solved = f": {word} {problem.success:g}"
+    ways = zip(problem.bound.names, descent.best, strict=True)
+    at = ", ".join(f"{name} = {value:.4g}" for name, value in list(ways)[:TOLD])
+    more = f", and {len(problem.x0) - TOLD} more in best.npy" if len(problem.x0) > TOLD else ""
+    starts = "" if descent.held_out is None else " on held-out starts"
+    return [
+        f"J of {problem.name} on {engine}{starts}: {first:.4g} at the guess, {best:.4g} at the best iterate{solved}.",
+        f"The best is iterate {descent.best_iteration} of {descent.iterations} ({descent.status.value}); "
+        f"compiled in {descent.seconds_compile:.1f} s, ran {descent.seconds_run:.1f} s.",
+        f"There {at}{more}.",
+    ]
+
+
+def plane_of(problem: tog.Problem, pair: Sequence[str | int], iterates: np.ndarray, best: int = 0) -> Plane:
+    """That of two variables through the best of the iterates, wide enough for all of them."""
+    first, second = (int(some) if str(some).isdecimal() else some for some in pair)
+    plane = Plane.of(problem, first, second, through=iterates[best])
+    path = plane.project(iterates)
+    low, high = np.minimum(plane.low, path.min(axis=0)), np.maximum(plane.high, path.max(axis=0))
+    return dataclasses.replace(plane, low=low, high=high)
+
+
+def descent_picture(problem: tog.Problem, descent: Descent, method: str, out: Path) -> Picture:
+    figure = draw_descents({method: descent.costs}, title=problem.name)
+    caption = "Cost of each iterate; the first one is the guess."
+    if descent.held_out is not None:
+        caption += " Each is the mean of its own draw of starts."
+    if problem.success is not None:
+        figure.axes[0].axhline(problem.success, color="#009e73", linewidth=1)
+        caption += f" Below the green line, {problem.success:g}, the problem counts as solved."
+    save_figure(figure, out / "descent.png")
+    return Picture(out / "descent.png", "Descent", caption)
+
+
+def landscape_picture(
+    problem: tog.Problem, args: argparse.Namespace, plane: Plane, descent: Descent, method: str, out: Path, work: Work
+) -> Picture:
+    what = (problem, args.engine, plane)
+    with work.piece(f"landscape, {args.size} x {args.size}", args.size**2, "reading or compiling") as report:
+        surface = landscape(*what, args.size, out, report, **options_of(args))
+    with work.piece(f"gradients, {ARROWS} x {ARROWS}", ARROWS**2, "reading or compiling") as report:
+        arrows = gradient_field(*what, ARROWS, out, report, **options_of(args))
+    path = plane.project(descent.setpoints)
+    low, high = np.nanpercentile(np.where(np.isfinite(surface.costs), surface.costs, np.nan), (0, 98))
+    figure = draw_landscape(
+        surface,
+        MaxNLocator(20).tick_values(low, high),
+        {method: (path, descent.costs)},
+        path[0],
+        title=f"{problem.name} on {args.engine}",
+        names=plane.names,
+        arrows=arrows,
+    )
+    save_figure(figure, out / "landscape.png")
+    caption = (
+        f"J over {plane.names[0]} and {plane.names[1]}; all other variables are those of the best iterate (star). "
+        "The path of the descent is projected on that plane, and arrows point against the gradient in it."
+    )
+    return Picture(out / "landscape.png", "Landscape", caption)
+
+
+def motion_picture(problem: tog.Problem, x: np.ndarray, engine: str, out: Path) -> Picture:
+    """The motion as a GIF, slowed down where it is short."""
+    model, motion = copy.copy(problem.scene.model), viewing.motion_of(problem, x, engine)
+    duration = float(motion.time[-1])
+    speed = min(1.0, duration / SECONDS)
+    times = viewing.frame_times(duration, FPS, speed)
+    frames = viewing.render(model, viewing.start(model), motion.at(times), PIXELS)
+    viewing.write_gif(out / "motion.gif", frames.images, FPS)
+    pace = "as fast as it is" if speed == 1 else f"{1 / speed:.2g} times slower than it is"
+    return Picture(out / "motion.gif", "Motion", f"{duration:.3g} s under the best variables, {pace}; {frames.method}.")
+
+
+def table_of(problem: tog.Problem, x: np.ndarray) -> Table:
+    columns = (problem.bound.names, problem.x0, x, *problem.limits)
+    rows = [[name, *(f"{value:.4g}" for value in values)] for name, *values in zip(*columns, strict=True)]
+    caption = f"The first {MOST} of {len(rows)}; best.npy has all." if len(rows) > MOST else ""
+    return Table(["variable", "guess", "best", "least", "largest"], rows[:MOST], caption)
+
+
+if __name__ == "__main__":
+    run_main(main, "what was finished is kept, with --resume the same command continues")
