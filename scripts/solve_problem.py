@@ -183,7 +183,7 @@ def landscape_picture(
     low, high = np.nanpercentile(np.where(np.isfinite(surface.costs), surface.costs, np.nan), (0, 98))
     figure = draw_landscape(
         surface,
-        MaxNLocator(20).tick_values(low, high),
+        np.asarray(MaxNLocator(20).tick_values(low, high)),
         {method: (path, descent.costs)},
         path[0],
         title=f"{problem.name} on {args.engine}",

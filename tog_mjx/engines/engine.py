@@ -80,16 +80,16 @@ class OnPlane(Engine):
 
     def begin(self, model: mjx.Model, start: dict[str, Array]) -> tuple[Any, Array]:
         del model
-        planar = self.simulator.init(*self.scene.planar(start["qpos"], start["qvel"]))
-        return planar, jnp.asarray(self.origin.time, float)
+        return self.simulator.init(*self.scene.planar(start["qpos"], start["qvel"])), jnp.zeros((), int)
 
     def step(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> tuple[tuple[Any, Array], State]:
-        planar, time = carry
+        planar, steps = carry
         after = self.simulator.step(planar, ctrl[jnp.asarray(self.scene.actuators)])
-        return (after, time + self.scene.model.opt.timestep), self.state(model, carry, ctrl)
+        return (after, steps + 1), self.state(model, carry, ctrl)
 
     def state(self, model: mjx.Model, carry: tuple[Any, Array], ctrl: Controls) -> State:
-        planar, time = carry
+        planar, steps = carry
+        time = self.origin.time + steps * self.scene.model.opt.timestep
         joints, (q, v) = jnp.asarray(self.scene.joints), self.scene.of_joints(*self.simulator.observe(planar))
         qpos, qvel = self.origin.qpos.at[joints].set(q), self.origin.qvel.at[joints].set(v)
         now = self.origin.replace(time=time, qpos=qpos, qvel=qvel, ctrl=ctrl)

@@ -48,7 +48,8 @@ class Scene:
     @functools.cached_property
     def actuators(self) -> np.ndarray:
         """Indices in ctrl of the fingers' setpoints, finger-major: x, z of finger1, then of finger2. [2F]"""
-        return np.array([self._named("actuator", f"{finger}_{axis}").id for finger in self.fingers for axis in "xz"])
+        ids = [self._named("actuator", f"{finger}_{axis}").id for finger in self.fingers for axis in "xz"]
+        return np.array(ids, np.int32)  # Which JAX has whatever its x64 flag.
 
     @property
     def is_planar(self) -> bool:
@@ -60,7 +61,7 @@ class Scene:
         """Of positions [..., nq] and velocities: box (x, z, theta, vx, vz, omega) [..., 6], fingers (x, z, vx, vz)
         [..., F, 4]."""
         xp = jnp if isinstance(qpos, jax.Array) else np
-        joints = xp.asarray(self.joints)  # JAX keeps what it makes of an index in NumPy, whatever the x64 flag is then.
+        joints = xp.asarray(self.joints)
         q, v = qpos[..., joints], qvel[..., joints]
         fingers = [some[..., 3:].reshape(*some.shape[:-1], -1, 2) for some in (q, v)]
         return xp.concatenate([q[..., :3], v[..., :3]], axis=-1), xp.concatenate(fingers, axis=-1)
