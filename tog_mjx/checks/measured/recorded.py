@@ -55,7 +55,7 @@ class Motion(NamedTuple):
     geoms: np.ndarray
     correction: np.ndarray
 
-    def at(self, sample: int) -> dict[str, np.ndarray]:
+    def at(self, sample: int | np.integer) -> dict[str, Any]:
         """One of the states."""
         return {name: values[sample] for name, values in self.states.items()}
 
