@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tog_mjx as tog
-from tog_mjx.checks.measured import estimators
+from tog_mjx.checks.measured import cost
 from tog_mjx.checks.measured.estimators import SIGMAS, compare_at
 from tog_mjx.checks.told.finding import Finding, Level
 from tog_mjx.gradients import local
@@ -108,7 +108,7 @@ def test_a_busy_machine_gives_the_same_advice(x, counted, monkeypatch):
 
     def timed(values: float, gradients: float) -> Finding:
         clock = iter(np.cumsum([0, values, 0, gradients]))
-        monkeypatch.setattr(estimators, "time", SimpleNamespace(perf_counter=lambda: float(next(clock))))
+        monkeypatch.setattr(cost, "time", SimpleNamespace(perf_counter=lambda: float(next(clock))))
         return estimators_of(ripple, x)
 
     quiet, busy = timed(1.0, 3.5), timed(2.0, 50.0)

@@ -131,7 +131,7 @@ def interrupt(*_, **__):
 def test_only_what_continues_says_so(arguments, told, run_script, tmp_path, monkeypatch):
     monkeypatch.setattr(scene_checks, "check_scene", interrupt)
     monkeypatch.setattr(Store, "finish", interrupt)
-    for place in ("step_check.check_step", "comparison.compute", "checks.alone.finish_file"):
+    for place in ("checks.step_check.check_step", "paper.comparison.compute", "checks.alone.finish_file"):
         monkeypatch.setattr(f"tog_mjx.{place}", interrupt)
     model = tmp_path / "model.xml"
     model.write_text(REFUSED)
