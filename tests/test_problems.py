@@ -11,7 +11,7 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx.checks.step_check import compile_quickly
-from tog_mjx.gradients.settled import central_differences, halvings
+from tog_mjx.gradients.differences import halvings, settled_differences
 
 # A mass on a rail, pushed; a hinge that turns freely beside it.
 RAIL = """
@@ -178,7 +178,7 @@ def test_the_gradient_of_a_policy_is_that_of_differences():
     value, *gradients = in_both_modes(J, x)
     np.testing.assert_allclose(value, by_hand(x), rtol=1e-10)
     values = lambda points: np.array([[by_hand(x)] for x in points])  # noqa: E731
-    expected = central_differences(values, x[None], halvings(1e-2, 8), order=4).jacobian[0, 0]
+    expected = settled_differences(values, x[None], halvings(1e-2, 8), order=4).jacobian[0, 0]
     for gradient in gradients:
         np.testing.assert_allclose(gradient, expected, rtol=1e-7)
 

@@ -22,7 +22,7 @@ from random_models import Structure, model_of, state_of, structure_of
 
 import tog_mjx as tog
 from tog_mjx.checks.step_check import compile_quickly
-from tog_mjx.gradients.settled import central_differences, halvings
+from tog_mjx.gradients.differences import halvings, settled_differences
 from tog_mjx.stepping._mjx import make_data, mjx, put_model
 from tog_mjx.stepping.implicit import STEPS
 
@@ -81,7 +81,7 @@ def check(structure: Structure, seed: int, steps: tuple) -> None:
         ends = [run(at, x + some * direction, direction, weight)[0][-1] for some in (t[::2], t[1::2])]
         return np.stack(ends, axis=1).reshape(-1, 1)
 
-    expected = central_differences(moved, np.zeros((len(x), 1)), halvings(1e-5, 5), order=4)
+    expected = settled_differences(moved, np.zeros((len(x), 1)), halvings(1e-5, 5), order=4)
     settled = expected.change <= SETTLED
     assert settled.mean() >= 0.75
     np.testing.assert_allclose(forward[settled], expected.jacobian[settled, 0, 0], rtol=TOLERANCE)
@@ -121,7 +121,7 @@ def test_what_is_trusted_is_the_derivative_of_c_mujoco(half, cone, integrator, s
     start.qpos[:], start.qvel[:], start.act[:], start.ctrl[:] = np.split(x, np.cumsum([model.nq, model.nv, model.na]))
     verdict = tog.check_scene(model, start, steps=HORIZON, wrt="ctrl", quick=True)
     event(verdict.line)
-    expected = central_differences(
+    expected = settled_differences(
         lambda controls: rolled(model, x, np.asarray(controls)), start.ctrl[None], halvings(1e-2, 8)
     )
     if verdict.word == "trust" and expected.change[0] <= SETTLED:

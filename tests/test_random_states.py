@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from tog_mjx.engines import MjxSimulator, make_simulator
-from tog_mjx.gradients.settled import Differences, central_differences, halvings
+from tog_mjx.gradients.differences import Differences, halvings, settled_differences
 from tog_mjx.paper.tasks import Task, get_task
 from tog_mjx.running.devices import cores
 
@@ -118,7 +118,7 @@ def study(request) -> Study:
     run = jax.jit(jax.vmap(jax.jacfwd(step)))
     found = np.concatenate([np.asarray(run(jnp.asarray(part))) for part in np.split(x, 10)])
     parts = [
-        central_differences(lambda x: step_in_c(task, np.asarray(x)), part, halvings(4e-6, 4))
+        settled_differences(lambda x: step_in_c(task, np.asarray(x)), part, halvings(4e-6, 4))
         for part in np.split(x, 10)
     ]
     expected = Differences(*(np.concatenate(field) for field in zip(*parts, strict=True)))

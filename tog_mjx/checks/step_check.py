@@ -16,8 +16,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
+from tog_mjx.gradients.differences import halvings, settled_differences
 from tog_mjx.gradients.reversible import unless_refused
-from tog_mjx.gradients.settled import central_differences, halvings
 from tog_mjx.running.errors import InputError
 from tog_mjx.stepping._mjx import mjx, put_model
 from tog_mjx.stepping.implicit import STEPS
@@ -121,7 +121,7 @@ def reference(function: StepFunction) -> tuple[np.ndarray, np.ndarray]:
     values = compile_quickly(jax.vmap(functools.partial(function.after, mjx.step)))
     # Each column has a step of its own: a problem in one number, of which two points are asked for at a time.
     directions = np.repeat(np.eye(function.x.size), 2, axis=0)
-    columns = central_differences(
+    columns = settled_differences(
         lambda t: values(function.x + t * directions), np.zeros((function.x.size, 1)), _STEPS, order=4
     )
     jacobian, value = columns.jacobian[:, :, 0].T, np.asarray(values(function.x + 0 * directions)[0])
@@ -189,7 +189,7 @@ def check_second_order(model: mujoco.MjModel, orders: tuple[str, ...] = ORDERS) 
         return weights @ function.after(STEPS["implicit"], x)
 
     gradients = compile_quickly(jax.vmap(jax.jacfwd(number)))
-    differences = central_differences(
+    differences = settled_differences(
         lambda points: np.asarray(gradients(jnp.asarray(points))), np.asarray(function.x)[None], _STEPS, order=4
     )
     expected, errors = differences.jacobian[0], {}

@@ -9,7 +9,7 @@ import mujoco.rollout
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.gradients.settled import Differences, central_differences, halvings
+from tog_mjx.gradients.differences import Differences, halvings, settled_differences
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.state import State
 from tog_mjx.running.devices import cores
@@ -55,4 +55,4 @@ def gradients(problem: Problem, points: Float[np.ndarray, "N n"], chunk: int = 2
     """dJ/dx by central differences, a chunk of points at a time: Jacobians [chunk, 1, n] and their changes."""
     for first in range(0, len(points), chunk):
         some = points[first : first + chunk]
-        yield central_differences(lambda x: final_costs(problem, np.asarray(x))[:, None], some, STEPS)
+        yield settled_differences(lambda x: final_costs(problem, np.asarray(x))[:, None], some, STEPS)
