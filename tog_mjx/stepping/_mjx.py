@@ -27,7 +27,6 @@ from tog_mjx.stepping.safe import (
     impedance,
     rotation_vector,
     safe_norm,
-    safe_sqrt,
     sqrt,
     with_derivative_of,
 )
@@ -245,7 +244,7 @@ def _unrolled_solver(iterations: int) -> ModuleType:
         return _solver._while_loop_scan(condition, body, start, iterations)
 
     copy.jax = _with(jax, lax=_with(jax.lax, while_loop=loop))  # type: ignore[attr-defined]
-    copy.jp = _with(jnp, sqrt=safe_sqrt)  # type: ignore[attr-defined]
+    copy.jp = _with(jnp, sqrt=sqrt)  # type: ignore[attr-defined]
     return copy
 
 

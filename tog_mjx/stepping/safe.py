@@ -58,13 +58,7 @@ sqrt, arcsin, arccos = (
 
 def safe_norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """Euclidean norm over the last axis. At the zero vector it returns zero, and its gradient there is zero."""
-    return safe_sqrt(jnp.sum(x * x, axis=-1))
-
-
-def safe_sqrt(x: Float[Array, "*any"]) -> Float[Array, "*any"]:
-    """The square root; at zero its gradient is zero."""
-    is_zero = x == 0
-    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, x)))
+    return sqrt(jnp.sum(x * x, axis=-1))
 
 
 def cos_sinc(squared: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
