@@ -26,6 +26,14 @@ def test_both_methods_succeed_on_both_tasks(study):
     assert TABLE.groupby(["task", "method"]).success.mean().min() > 0.95
 
 
+def test_the_policys_gradient_on_mjx_is_right_and_trains():
+    kept = pd.read_csv(FOLDER / "closed_loop_mjx.csv").iloc[0]
+    assert kept["error against differences"] < 1e-6
+    assert kept["forward against reverse"] < 1e-12
+    assert kept["J after"] < 0.1 * kept["J before"]
+    assert kept["MB, 50 steps a checkpoint"] < kept["MB of reverse mode, 1000 steps"] / 2
+
+
 def test_starts_do_not_overlap_and_differ(study):
     """A finger stays on its side of the box, and nothing is lower than in the scene."""
     problem = study["closed_loop"]("grasp", starts=64)

@@ -2,8 +2,9 @@
 
 A policy of 2 x 32 tanh units sees box and fingers and sets the fingers' setpoints every 10 ms. A start is the scene's,
 moved along the floor, the box raised and the fingers raised and drawn back from it, each by 5 cm (the standard
-deviation): nothing overlaps. Both methods have the same evaluations of J on
-`penalty`; `closed_loop.csv` tells J and success on 256 starts that neither has seen. Takes some minutes on two cores.
+deviation): nothing overlaps. Both methods have the same evaluations of J on `penalty`; `closed_loop.csv` tells J and
+success on 256 starts that neither has seen. With `--engine mjx`, of the flip's policy there: whether its gradient is
+right, what it costs and needs, and a short training, in `closed_loop_mjx.csv`. Either takes some minutes on two cores.
 """
 
 if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
@@ -12,12 +13,15 @@ if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second 
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
 
+import dataclasses
 import functools
 import importlib
 import itertools
+import time
 from argparse import ArgumentParser
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,10 +31,11 @@ import pandas as pd
 from jaxtyping import Array, Float, Key
 
 import tog_mjx as tog
+from tog_mjx.engines.reference import STEPS
+from tog_mjx.gradients.differences import settled_differences
 from tog_mjx.paper.tasks import get_task
 from tog_mjx.running.console import run_main
 from tog_mjx.running.types import AnyArray
-from tog_mjx.solving.solve import CHARGE
 from tog_mjx.stepping.mjx_state import default_start
 
 HERE = Path(__file__).parent
@@ -40,23 +45,29 @@ SUCCESS = {"flip": 0.1, "grasp": 0.2}
 """J below which a task counts as done, as in the other findings."""
 PAIRS, SIGMA, STEP = 80, 0.05, 0.01
 """Of the evolution strategy, each of whose points has one start: antithetic pairs, their spread and Adam's step."""
-RATE = 5e-3
-"""Of the exact gradients' first step; it falls to nothing as a cosine does."""
 SEEDS = range(8)
+FEW, UPDATES, REACH, FEW_HELD_OUT = 8, 30, 0.2, 32
+"""On MJX: starts of an update, updates, how far they go, and the starts that judge."""
+LONG, SEGMENT, DIRECTIONS = 1000, 50, 8
+"""Steps for which memory is measured, those between two checkpoints, and directions of differences."""
 
 
 def main() -> None:
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=HERE, metavar="FOLDER")
+    parser.add_argument("--engine", choices=["penalty", "mjx"], default="penalty")
     args = parser.parse_args()
+    if args.engine == "mjx":
+        with jax.enable_x64():
+            table = pd.DataFrame([on_mjx()])
+        print(table.T.to_string(header=False))
+        table.to_csv(args.out / "closed_loop_mjx.csv", index=False, float_format="%.3g")
+        return
     rows = []
     with jax.enable_x64(False):
         for task, method in itertools.product(SUCCESS, METHODS):
-            problem = closed_loop(task)
-            guesses = jnp.stack([jnp.asarray(closed_loop(task, seed).x0) for seed in SEEDS])
-            keys = jax.vmap(jax.random.key)(jnp.asarray(SEEDS))
-            trained = jax.jit(jax.vmap(functools.partial(METHODS[method], problem)))(guesses, keys)
-            for seed, x in zip(SEEDS, trained, strict=True):
+            problem, guesses = closed_loop(task), jnp.stack([closed_loop(task, seed).x0 for seed in SEEDS])
+            for seed, x in zip(SEEDS, METHODS[method](problem, guesses), strict=True):
                 rows.append({"task": task, "method": method, "seed": seed, **judge(problem, x)})
             table = pd.DataFrame(rows)
             print(table.iloc[-len(SEEDS) :].to_string(index=False), flush=True)
@@ -105,22 +116,18 @@ def layers(seed: int, sizes: list[int]) -> list[dict[str, np.ndarray]]:
     ]
 
 
-def exact(problem: tog.Problem, x: Float[Array, " n"], key: Key[Array, ""]) -> Float[Array, " n"]:
-    """The last policy of Adam, by gradients whose length is bounded: one start may touch where others do not."""
-    J, updates = tog.objective(problem, "penalty"), int(BUDGET / (STARTS * CHARGE))
-    schedule = optax.cosine_decay_schedule(RATE, updates)
-    rule = optax.chain(optax.clip_by_global_norm(1.0), optax.adam(schedule, b2=0.95))
+def exact(problem: tog.Problem, guesses: Float[Array, "N n"]) -> list[AnyArray]:
+    """The best policies of `tog.solve`, on held-out starts of its own."""
+    return [tog.solve(problem, x, budget=BUDGET, engine="penalty").best for x in guesses]
 
-    def update(now, key: Key[Array, ""]):
-        x, memory = now
-        step, memory = rule.update(jax.grad(J)(x, key), memory, x)
-        return (optax.apply_updates(x, step), memory), None
 
-    return jax.lax.scan(update, (x, rule.init(x)), jax.random.split(key, updates))[0][0]
+def evolution_strategies(problem: tog.Problem, guesses: Float[Array, "N n"]) -> AnyArray:
+    """The last means of OpenAI-ES."""
+    keys = jax.vmap(jax.random.key)(jnp.asarray(SEEDS))
+    return jax.jit(jax.vmap(functools.partial(evolution_strategy, problem)))(guesses, keys)
 
 
 def evolution_strategy(problem: tog.Problem, x: Float[Array, " n"], key: Key[Array, ""]) -> Float[Array, " n"]:
-    """The last mean of OpenAI-ES."""
     J, first = tog.objective(problem, "penalty"), jax.random.fold_in(key, 0)
     with jax.ensure_compile_time_eval():  # The import computes with JAX.
         algorithm = importlib.import_module("evosax.algorithms").Open_ES
@@ -139,13 +146,70 @@ def evolution_strategy(problem: tog.Problem, x: Float[Array, " n"], key: Key[Arr
     return strategy.get_mean(jax.lax.scan(update, strategy.init(first, x, settings), keys)[0])
 
 
-METHODS: dict[str, Callable[..., Array]] = {"exact": exact, "OpenAI-ES": evolution_strategy}
+METHODS: dict[str, Callable] = {"exact": exact, "OpenAI-ES": evolution_strategies}
 
 
-def judge(problem: tog.Problem, x: AnyArray) -> dict[str, float]:
+def judge(problem: tog.Problem, x: AnyArray, engine: str = "penalty", starts: int = HELD_OUT) -> dict[str, float]:
     """J and success on starts that no training has drawn."""
-    costs = np.asarray(tog.objective(problem, "penalty").each(x, jax.random.key(2**31), HELD_OUT))
+    costs = np.asarray(tog.objective(problem, engine).each(x, jax.random.key(2**31), starts))
     return {"mean": costs.mean(), "median": np.median(costs), "success": (costs < problem.success).mean()}
+
+
+def on_mjx() -> dict[str, float]:
+    """What is true of the flip's policy on MJX, from its first weights."""
+    problem = closed_loop("flip", starts=FEW)
+    found = tog.solve(problem, budget=UPDATES * FEW * 4 / 0.9 + 1, reach=REACH, engine="mjx")
+    return {
+        **gradient_errors(problem),
+        "reverse mode, evaluations": reverse_charge(problem),
+        "of open loop": reverse_charge(tog.Problem("flip", problem.steps, cost=problem.cost, start=problem.start)),
+        f"MB of reverse mode, {LONG} steps": megabytes(problem, None),
+        f"MB, {SEGMENT} steps a checkpoint": megabytes(problem, SEGMENT),
+        "gradients": len(found.costs),
+        "J before": judge(problem, problem.x0, "mjx", FEW_HELD_OUT)["mean"],
+        "J after": (after := judge(problem, found.best, "mjx", FEW_HELD_OUT))["mean"],
+        "success after": after["success"],
+    }
+
+
+def gradient_errors(problem: tog.Problem) -> dict[str, float]:
+    """Relative, of slopes along random directions, from one start: reverse mode against the two others."""
+    J, x, key = tog.objective(problem, "mjx"), jnp.asarray(problem.x0), jax.random.key(1)
+    along = np.linalg.qr(np.random.default_rng(0).normal(size=(x.size, DIRECTIONS)))[0]
+
+    def cost(t: Float[Array, " k"]) -> Array:
+        return J.each(x + along @ t, key, 1)[0]
+
+    none, values = np.zeros(DIRECTIONS), jax.jit(jax.vmap(cost))
+    reverse = np.asarray(jax.jit(jax.grad(lambda x: J.each(x, key, 1)[0]))(x)) @ along
+    forward = np.asarray(jax.jit(jax.jacfwd(cost))(none))
+    differences = settled_differences(lambda t: np.asarray(values(t))[:, None], none[None], STEPS)
+
+    def apart(other: np.ndarray) -> float:
+        return float(np.linalg.norm(reverse - other) / np.linalg.norm(other))
+
+    return {"error against differences": apart(differences.jacobian[0, 0]), "forward against reverse": apart(forward)}
+
+
+def reverse_charge(problem: tog.Problem) -> float:
+    """Evaluations of J that a gradient takes in reverse mode, by the shortest of five runs each."""
+    J, x, seconds = tog.objective(problem, "mjx"), jnp.asarray(problem.x0), []
+    for function in (J, jax.grad(J)):
+        program, runs = jax.jit(function).lower(x).compile(), []
+        for _ in range(5):
+            begin = time.perf_counter()
+            jax.block_until_ready(program(x))
+            runs.append(time.perf_counter() - begin)
+        seconds.append(min(runs))
+    return seconds[1] / seconds[0]
+
+
+def megabytes(problem: tog.Problem, checkpoint: int | None) -> float:
+    """What a gradient in reverse mode needs beside its arguments, over LONG steps from each start."""
+    longer = dataclasses.replace(problem, steps=LONG)
+    gradient = jax.grad(tog.objective(longer, "mjx", checkpoint=checkpoint))
+    needs: Any = jax.jit(gradient).lower(jnp.asarray(problem.x0)).compile().memory_analysis()
+    return needs.temp_size_in_bytes / 1e6
 
 
 if __name__ == "__main__":
