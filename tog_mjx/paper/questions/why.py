@@ -19,10 +19,10 @@ import pandas as pd
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from tog_mjx.drawing.figures.predictions import draw_why
 from tog_mjx.engines import SIMULATORS, precision
 from tog_mjx.engines.objective import objective
 from tog_mjx.gradients import Objective, exact_batch, local
+from tog_mjx.paper.questions.predictions import draw_why
 from tog_mjx.paper.tasks import TASKS, Rule, get_task
 from tog_mjx.running.batches import map_points
 from tog_mjx.running.digests import made_with
