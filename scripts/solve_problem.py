@@ -130,9 +130,14 @@ def descend(problem: tog.Problem, args: argparse.Namespace, path: Path, work: Wo
     return descent
 
 
+def judged_costs(descent: Descent) -> np.ndarray:
+    """By which the best iterate is the best; infinite where it was not judged."""
+    return descent.costs if descent.held_out is None else np.nan_to_num(descent.held_out, nan=np.inf)
+
+
 def told(problem: tog.Problem, engine: str, descent: Descent) -> list[str]:
     """What came out, in a few lines."""
-    judged = descent.costs if descent.held_out is None else descent.held_out
+    judged = judged_costs(descent)
     first, best = judged[0], judged[descent.best_iteration]
     solved = ""
     if problem.success is not None:
@@ -163,7 +168,7 @@ def descent_picture(problem: tog.Problem, descent: Descent, method: str, out: Pa
     figure = draw_descents({method: descent.costs}, title=problem.name)
     caption = "Cost of each iterate; the first one is the guess."
     if descent.held_out is not None:
-        caption += " Each is the mean of its own draw of starts."
+        caption += " Each is the mean over its own draw of starts; held-out ones say which is the best."
     if problem.success is not None:
         figure.axes[0].axhline(problem.success, color="#009e73", linewidth=1)
         caption += f" Below the green line, {problem.success:g}, the problem counts as solved."
@@ -183,8 +188,8 @@ def landscape_picture(
     low, high = np.nanpercentile(np.where(np.isfinite(surface.costs), surface.costs, np.nan), (0, 98))
     figure = draw_landscape(
         surface,
-        np.asarray(MaxNLocator(20).tick_values(low, high)),
-        {method: (path, descent.costs)},
+        np.array(MaxNLocator(20).tick_values(low, high)),
+        {method: (path, judged_costs(descent))},
         path[0],
         title=f"{problem.name} on {args.engine}",
         names=plane.names,

@@ -9,7 +9,7 @@ from tog_mjx.paper.comparison import Run
 from tog_mjx.paper.gradient_agreement import MJX, Gradients, Piece
 from tog_mjx.running.storage import DamagedFileError, load_result, save_result
 from tog_mjx.solving.descent import Status
-from tog_mjx.solving.record import load_descent
+from tog_mjx.solving.record import load_descent, save_descent
 
 RUN = Run("penalty", "flip", "exact", iterations=2)
 
@@ -17,6 +17,17 @@ RUN = Run("penalty", "flip", "exact", iterations=2)
 @pytest.fixture(scope="module")
 def descent():
     return comparison.compute(RUN)
+
+
+def test_there_and_back_with_what_held_out_starts_say(descent, tmp_path):
+    judged = descent._replace(held_out=np.array([2.0, np.nan, np.inf]))
+    save_descent(tmp_path / "a.npz", judged, {"seed": 1})
+    back, settings = load_descent(tmp_path / "a.npz")
+    assert settings == {"seed": 1}
+    np.testing.assert_array_equal(back.held_out, judged.held_out)
+    save_descent(tmp_path / "a.npz", judged._replace(held_out=np.zeros(2)), {})
+    with pytest.raises(DamagedFileError, match="held_out are not numbers of shape"):
+        load_descent(tmp_path / "a.npz")
 
 
 def test_there_and_back(descent, tmp_path):

@@ -85,7 +85,7 @@ def test_a_run_killed_in_its_landscape_has_kept_its_descent(run_script, tmp_path
 def test_the_example_is_solved_and_shown(run_script, tmp_path):
     """A ball pushes a cube over a table, on MJX, as a user would write it. It starts 45 cm from where it should be."""
     assert len(Path(PUSH.rpartition(":")[0]).read_text().splitlines()) <= 25
-    status, said, complaint = run_script(NAME, PUSH, "--budget", "100", "--size", "4", "--out", tmp_path)
+    status, said, complaint = run_script(NAME, PUSH, "--budget", "100", "--size", "0", "--out", tmp_path)
     assert status == 0, complaint
     assert "solved, below 0.01" in said
     costs = load_descent(tmp_path / "descent.npz")[0].costs
@@ -99,8 +99,8 @@ def test_the_example_is_solved_and_shown(run_script, tmp_path):
     assert np.linalg.norm(ball[moving] - qpos[moving, :3]) < 0.05 + 0.1 * np.sqrt(3)  # It is pushed, not pulled.
     with Image.open(tmp_path / "motion.gif") as film:
         frames = [np.asarray(frame.convert("RGB"), int) for frame in ImageSequence.Iterator(film)]
-    blue = [np.argwhere(frame[..., 2] > frame[..., 0] + 60).mean(axis=0)[1] for frame in (frames[0], frames[-1])]
-    assert blue[1] > blue[0] + 50  # Pixels to the right.
+    cube = [np.argwhere(frame[..., 0] > frame[..., 2] + 60).mean(axis=0)[1] for frame in (frames[0], frames[-1])]
+    assert cube[1] > cube[0] + 50  # Pixels to the right.
 
 
 @pytest.mark.parametrize(

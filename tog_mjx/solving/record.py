@@ -28,7 +28,7 @@ def load_descent(path: Path) -> tuple[Descent, dict[str, Any]]:
     try:
         count, n = arrays["setpoints"].shape
         of_shapes(path, arrays, setpoints=(count, n), gradients=(count, n))
-        of_shapes(path, arrays, **dict.fromkeys(("costs", *({"held_out"} & set(arrays))), (count,)))
+        of_shapes(path, {"held_out": arrays["costs"], **arrays}, costs=(count,), held_out=(count,))
         if not (count and np.isfinite(arrays["costs"]).all() and np.isfinite(arrays["setpoints"]).all()):
             raise ValueError("costs and setpoints are not finite ones of an iterate or more")
         seconds = {name: float(attributes[name]) for name in ("seconds_compile", "seconds_run")}
