@@ -138,6 +138,12 @@ def test_held_out_starts_judge_and_not_the_luck_of_a_draw(many, one):
     assert gap[found.best_iteration] == gap.min() < gap[lucky]
 
 
+def test_the_share_that_judges_is_part_of_the_least_budget(many):
+    told = r"budget is 17: one gradient of flip on penalty takes 16.0 evaluations, beside the 10% of it that judge"
+    with pytest.raises(tog.InputError, match=told):
+        tog.solve(many.problem, budget=17, engine="penalty")
+
+
 def test_an_iterate_that_fails_on_held_out_starts_is_not_the_best(many):
     """Its cost there is infinite."""
 

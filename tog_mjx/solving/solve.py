@@ -24,7 +24,7 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 
-from tog_mjx.engines import Objective, gradient_charge, objective, precision
+from tog_mjx.engines import Objective, check_names, gradient_charge, objective, precision
 from tog_mjx.gradients import common_starts, exact
 from tog_mjx.gradients.reversible import unless_refused
 from tog_mjx.problems.library import get_problem
@@ -52,26 +52,25 @@ def solve(
     differentiation: str | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Descent:
-    """Descends on a function J, or on a task's cost; take `best` of the record.
+    """Descends on a function J, or on a problem's cost; take `best` of the record.
 
     Of a problem with `Starts` each update draws others, so a recorded cost is that of its draw. What is best is judged
     on held-out starts: `SHARE` of the budget simulates eleven iterates on those, see `Descent.held_out`. The rule is
     then `rule_of_many`.
 
     Args:
-      problem: a JAX function J of a vector or a pytree, whose value is a number; it runs in the precision of JAX's x64
-        flag as it stands. Or a Problem, or the name of one: "flip" or "grasp".
+      problem: a JAX function J of a vector or a pytree, whose value is a number, a Problem, or the name of one, "flip"
+        or "grasp". It runs in the precision of JAX's x64 flag, but for flip and grasp, which run in float64.
       guess: where to begin, a vector [n] or any pytree of arrays; in the record, setpoints and gradients are then such
-        pytrees, each leaf with an axis of iterates before its own. Of a task, initial setpoints [K * 2F] in m; the
-        default is the task's.
-      budget: evaluations of J, of which a gradient takes `CHARGE`; of a task `GRADIENT_CHARGE` of its simulator, or
-        `SALTATION_CHARGE`.
+        pytrees, each leaf with an axis of iterates before its own. Of a problem, its x [n]; the default is its own.
+      budget: evaluations of J, of which a gradient takes `CHARGE`; of a problem, for each start, `GRADIENT_CHARGE` of
+        its simulator, or `SALTATION_CHARGE`.
       reach: how far the answer may lie from the guess, in the units of the variables: all updates together can move
         each of them by twice as much, and where starts are drawn by as much. None: as far as a variable is from zero,
-        and at least 1; of a task, the longer side of its window.
-      engine: of a task or a problem: "mjx" (if None), "penalty" or "released". `simulator` is its older name.
-      differentiation: of a task or a problem: which gradient to follow, an option of the simulator; None is its own,
-        the derivative between two jumps of the motion. That succeeds at least as often on both tasks, with any number
+        and at least 1; of a problem, its `reach`.
+      engine: of a problem: "mjx" (if None), "penalty" or "released". `simulator` is its older name.
+      differentiation: of a problem: which gradient to follow, an option of the simulator; None is its own, the
+        derivative between two jumps of the motion. That succeeds at least as often on flip and grasp, with any number
         of knots: on the grasp with constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the
         jumps, in none, since minima of the landscape lie in its way which the other does not see. That is an outcome,
         not a reason: an error that helps here may hurt elsewhere. On the flip "saltation" often ends lower, and with 4
@@ -90,10 +89,11 @@ def solve(
     engine = engine or simulator
     if callable(problem):
         if engine or differentiation:
-            raise InputError("engine and differentiation are a task's; a function of your own has its own")
+            raise InputError("engine and differentiation are a problem's; a function of your own has its own")
         return _descend(_function(problem, guess), budget, reach, report)
     engine = engine or "mjx"
     problem = get_problem(problem)
+    check_names(engine, {})
     with precision(engine) if problem.in_float64 else contextlib.nullcontext():
         return _descend(_scene(problem, guess, engine, differentiation), budget, reach, report)
 
