@@ -34,6 +34,12 @@ def test_the_policys_gradient_on_mjx_is_right_and_trains():
     assert kept["MB, 50 steps a checkpoint"] < kept["MB of reverse mode, 1000 steps"] / 2
 
 
+def test_a_training_through_mjx_succeeds_on_both_tasks():
+    kept = pd.read_csv(FOLDER / "closed_loop_gpu.csv")
+    assert set(kept.task) == set(TABLE.task)
+    assert kept.success.min() > 0.95
+
+
 def test_starts_do_not_overlap_and_differ(study):
     """A finger stays on its side of the box, and nothing is lower than in the scene."""
     problem = study["closed_loop"]("grasp", starts=64)

@@ -13,7 +13,8 @@ from tog_mjx.paper.comparison import Run
 from tog_mjx.running.digests import COMPUTES, modules_behind, program_digest
 
 PACKAGE = Path(tog_mjx.__file__).parent
-STUDIES = ("studies.cell", "studies.why", "studies.asymmetry")
+QUESTIONS = ("paper.questions.why", "paper.questions.asymmetry")
+STUDIES = ("studies.cell", *QUESTIONS)
 MAKERS = ("paper.comparison", "paper.gradient_agreement", *STUDIES, "checks.alone")
 """Modules that keep results."""
 
@@ -54,7 +55,7 @@ def test_text_in_the_code_does_not_count(tmp_path):
         ("solving/descent.py", "tolerance", "limit", {"paper.comparison", *STUDIES}),
         ("gradients/mixed.py", "key", "keys", set(STUDIES)),
         ("checks/measured/zeros.py", "slopes", "inclines", {"checks.alone"}),
-        ("studies/study.py", "quick", "fast", {"studies.why", "studies.asymmetry"}),
+        ("studies/study.py", "quick", "fast", set(QUESTIONS)),
         ("drawing/figures/predictions.py", "axes", "frame", set()),
         ("__init__.py", "Task as Task", "Task as Work", set()),
     ],
@@ -71,7 +72,7 @@ def test_code_counts_where_it_has_a_part(tmp_path, file, old, new, changed):
         ("mujoco-mjx", MAKERS),
         ("optax", {"paper.comparison", *STUDIES}),
         ("evosax", set(STUDIES)),
-        ("scipy", {"studies.why", "studies.asymmetry"}),
+        ("scipy", {"checks.alone", *QUESTIONS}),
         ("matplotlib", set()),
     ],
 )
