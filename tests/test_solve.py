@@ -92,7 +92,7 @@ def looped(x):
         ((jnp.sum,), {}, "a function has no guess of its own; give one"),
         ((jnp.sum, np.ones(2)), {"budget": 3}, "budget is 3: one gradient of sum takes 4.0 evaluations"),
         ((jnp.sum, np.ones(2)), {"reach": -1}, "reach is -1: give a positive number"),
-        ((jnp.sum, np.ones(2)), {"simulator": "mjx"}, "engine and differentiation are a problem's"),
+        ((jnp.sum, np.ones(2)), {"engine": "mjx"}, "engine and differentiation are a problem's"),
         ((jnp.sum, {"a": "far"}), {}, r"the guess\['a'\] is of type str"),
         ((lambda x: x, np.ones(2)), {}, r"<lambda> returns an array of shape \[2\]; give one number"),
         ((lambda x: {"J": x}, np.ones(2)), {}, "<lambda> returns a dict; give one number"),

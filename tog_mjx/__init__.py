@@ -16,6 +16,7 @@ from tog_mjx.paper.tasks import Task as Task
 from tog_mjx.paper.tasks import get_task as get_task
 from tog_mjx.problems import Controls as Controls
 from tog_mjx.problems import Parameters as Parameters
+from tog_mjx.problems import Plane as Plane
 from tog_mjx.problems import Policy as Policy
 from tog_mjx.problems import Problem as Problem
 from tog_mjx.problems import Start as Start

@@ -182,7 +182,7 @@ def rollout(problem: str | Problem, x: Numbers, engine: str = "mjx", *, simulato
     return objective(problem, engine, simulator=simulator, **options).motion(x)
 
 
-def older(engine: str, simulator: str) -> str:
+def older(engine: Any, simulator: str | None) -> Any:
     """The engine's name, which may be given by the older word for it."""
     if simulator:
         warnings.warn("simulator= is the older name of engine=, and will go", DeprecationWarning, stacklevel=3)

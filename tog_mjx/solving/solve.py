@@ -25,6 +25,7 @@ import optax
 from jaxtyping import Array, Float
 
 from tog_mjx.engines import Objective, check_names, gradient_charge, objective, precision
+from tog_mjx.engines.objective import older
 from tog_mjx.gradients import common_starts, exact
 from tog_mjx.gradients.reversible import unless_refused
 from tog_mjx.problems.library import get_problem
@@ -86,7 +87,7 @@ def solve(
         require_kind("reach", reach, Real, "give a number, in the units of the variables")
         if not 0 < reach < float("inf"):
             raise InputError(f"reach is {reach}: give a positive number, in the units of the variables")
-    engine = engine or simulator
+    engine = older(engine, simulator)
     if callable(problem):
         if engine or differentiation:
             raise InputError("engine and differentiation are a problem's; a function of your own has its own")
