@@ -34,6 +34,19 @@ print(jax.jit(jax.jacfwd(lambda v: tog.step(model, data.replace(qvel=v)).qvel))(
     assert float(found.stdout.splitlines()[-1]) == pytest.approx(1 / (1 + 0.1 * 2), rel=1e-6)
 
 
+def test_scripts_do_without_the_extras():
+    """All but those of the studies: whoever installs the package alone has none of these."""
+    program = """
+import pathlib, runpy, sys
+sys.modules.update(dict.fromkeys(("pandas", "evosax", "imageio_ffmpeg", "cma", "brax", "mujoco_playground")))
+for script in pathlib.Path(sys.argv[1]).glob("*.py"):
+    if script.name != "run_study.py":
+        runpy.run_path(str(script), run_name="imported")
+"""
+    found = run("-c", program, SCRIPTS)
+    assert found.returncode == 0, found.stderr
+
+
 def test_an_opengl_that_does_not_work_is_told_in_one_line_and_done_without(tmp_path):
     gif = tmp_path / "a.gif"
     arguments = (SCRIPTS / "view_scene.py", SCENE, "--gif", gif, "--duration", 0.1, "--size", 64, 48)

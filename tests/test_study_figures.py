@@ -9,7 +9,7 @@ from matplotlib.collections import PolyCollection, QuadMesh
 
 from tog_mjx.drawing.figures.bands import QUANTILES, draw_bands, quantiles
 from tog_mjx.engines.objective import objective
-from tog_mjx.paper.outcomes import basins_figure
+from tog_mjx.paper.questions.catalogue import basins_figure
 from tog_mjx.paper.tasks import get_task
 
 COSTS = np.array([[2.0, 1.0, 0.5], [2.0, 3.0, 0.1], [2.0, 2.0, 0.3], [2.0, 0.5, 4.0]])

@@ -3,11 +3,9 @@
 from collections.abc import Mapping
 
 import numpy as np
-import pandas as pd
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from tog_mjx.drawing.figures.basins import View, draw_basins
 from tog_mjx.drawing.figures.descents import draw_descents
 from tog_mjx.drawing.figures.fading import Shown, draw_motions
 from tog_mjx.drawing.figures.gradient_fields import draw_agreement
@@ -15,7 +13,7 @@ from tog_mjx.drawing.figures.landscapes import draw_landscape
 from tog_mjx.engines.many import Motions, simulate_many
 from tog_mjx.paper.published import published
 from tog_mjx.paper.replay import positions
-from tog_mjx.paper.tasks import Task, get_task
+from tog_mjx.paper.tasks import Task
 from tog_mjx.solving.descent import Descent
 from tog_mjx.studies.landscape import GradientField, Landscape
 
@@ -80,12 +78,6 @@ def agreement_figure(
 ) -> Figure:
     """`draw_agreement` of two simulators on a task."""
     return draw_agreement(fields, degrees, _guess(task), **_words(task))
-
-
-def basins_figure(table: pd.DataFrame) -> Figure:
-    """`draw_basins` of tasks."""
-    tasks = [get_task(name) for name in table.task.unique()]
-    return draw_basins(table, {task.name: View(task.window, _guess(task), LEVELS[task.name][-1]) for task in tasks})
 
 
 def _title(task: Task, simulator: str) -> str:

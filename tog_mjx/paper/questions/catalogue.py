@@ -7,10 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 
+from tog_mjx.drawing.figures.basins import View, draw_basins
 from tog_mjx.drawing.figures.profiles import draw_profiles
 from tog_mjx.engines import SIMULATORS, gradient_charge
-from tog_mjx.paper.outcomes import basins_figure
+from tog_mjx.paper.outcomes import LEVELS
 from tog_mjx.paper.questions.asymmetry import Asymmetry
 from tog_mjx.paper.questions.quirks import released_quirks
 from tog_mjx.paper.questions.why import Why
@@ -228,6 +230,15 @@ def _of_table_1(quick: bool) -> list[Cell]:
 
 
 _COMPARED = ("task", "simulator", "method")
+
+
+def basins_figure(table: pd.DataFrame) -> Figure:
+    """`draw_basins` of tasks."""
+    tasks = [get_task(name) for name in table.task.unique()]
+    return draw_basins(
+        table, {task.name: View(task.window, task.initial_guess[:2], LEVELS[task.name][-1]) for task in tasks}
+    )
+
 
 STUDIES: dict[str, Study] = {
     "seeds": TracedComparison("Do Table I's two methods succeed by luck of the seed?", (seeds,), _COMPARED),
