@@ -26,7 +26,7 @@ from tog_mjx.drawing import viewing
 from tog_mjx.drawing.figures import draw_descents, draw_landscape
 from tog_mjx.drawing.figures.style import save_figure
 from tog_mjx.drawing.report.page import Picture, Section, Table, write_page
-from tog_mjx.engines import SIMULATORS, gradient_charge, precision
+from tog_mjx.engines import ENGINES, gradient_charge, precision
 from tog_mjx.problems import Plane
 from tog_mjx.problems.library import LIBRARY, get_problem
 from tog_mjx.running.console import GRID_MOST, ArgumentParser, Work, run_main, within
@@ -82,7 +82,7 @@ def main() -> None:
 def parse_arguments() -> argparse.Namespace:
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("problem", help=f"file.py:function or package.module:function, or {', '.join(LIBRARY)}")
-    parser.add_argument("--engine", choices=list(SIMULATORS), default="mjx", help="default: %(default)s")
+    parser.add_argument("--engine", choices=list(ENGINES), default="mjx", help="default: %(default)s")
     parser.add_argument("--budget", type=within(float, 1, 1e9), default=1000, metavar="N",
                         help="evaluations of J; a gradient takes about 4 (default: %(default)s)")  # fmt: skip
     parser.add_argument("--differentiation", choices=list(DIFFERENTIATIONS), help="default: that of the engine")

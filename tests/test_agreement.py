@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from conftest import positions
 
-from tog_mjx.engines import MjxSimulator, make_simulator
+from tog_mjx.engines import MjxSimulator, make_simulator, objective
 from tog_mjx.engines.objective import Motion
 from tog_mjx.engines.penalty import box_distance
 from tog_mjx.engines.plane import Plane
@@ -96,6 +96,16 @@ def test_gradients_agree(compiled):
     assert np.percentile(relative, 90) < 1e-2
     assert np.percentile(cosine, 10) > 0.9999
     np.testing.assert_allclose(penalty[~moves], 0, atol=1e-9)
+
+
+def test_the_gradient_of_c_mujoco_is_that_of_mjx(compiled):
+    mjx = np.asarray(compiled.gradients(make_simulator("mjx", compiled.task.scene), compiled.setpoints))
+    found = np.asarray(jax.jit(jax.vmap(jax.grad(objective(compiled.task, "mujoco"))))(compiled.setpoints))
+    moves = np.linalg.norm(mjx, axis=1) > 1e-9
+    relative = np.linalg.norm(mjx - found, axis=1)[moves] / np.linalg.norm(mjx, axis=1)[moves]
+    assert np.median(relative) < 1e-6
+    assert np.percentile(relative, 90) < 1e-4
+    np.testing.assert_allclose(found[~moves], 0, atol=1e-9)
 
 
 def test_the_papers_friction_is_another_law(compiled):

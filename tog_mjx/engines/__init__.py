@@ -6,6 +6,7 @@ from tog_mjx.engines.objective import Objective as Objective
 from tog_mjx.engines.objective import objective as objective
 from tog_mjx.engines.objective import rollout as rollout
 from tog_mjx.engines.penalty import PenaltySimulator as PenaltySimulator
+from tog_mjx.engines.simulator import ENGINES as ENGINES
 from tog_mjx.engines.simulator import SIMULATORS as SIMULATORS
 from tog_mjx.engines.simulator import Simulator as Simulator
 from tog_mjx.engines.simulator import check_names as check_names

@@ -1,31 +1,38 @@
-"""What moves a problem: MJX any scene, and the planar simulators those of one box and its fingers.
+"""What moves a problem: MJX and C MuJoCo any scene, and the planar simulators those of one box and its fingers.
 
     carry = engine.begin(model, start)          start by the names of its fields in `mjx.Data`
     carry, state = engine.step(model, carry, ctrl)   `state` is the State in which the step begins
     state = engine.state(model, carry, ctrl)    after the last step, or before a control is known
+    (carry, ctrl), seen = engine.run(model, (carry, ctrl), controls, steps, every, checkpoint, watch)
 
 The model is an argument, so that variables can move it.
 """
 
 import abc
-from collections.abc import Mapping
+import functools
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from tog_mjx.engines.c_mujoco.forward import Forward, check_state
+from tog_mjx.engines.c_mujoco.sweep import motion
 from tog_mjx.engines.simulator import Simulator, check_names, make_simulator
 from tog_mjx.mjcf.scene import Scene
 from tog_mjx.mjcf.supported import check_supported
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.state import State
 from tog_mjx.running.errors import InputError
-from tog_mjx.stepping._mjx import mjx, put_model
+from tog_mjx.stepping import loop
+from tog_mjx.stepping._mjx import make_data, mjx, put_model
 from tog_mjx.stepping.complete import completed
 from tog_mjx.stepping.implicit import STEPS
-from tog_mjx.stepping.mjx_state import MOCAP, on_mjx, state_of
+from tog_mjx.stepping.mjx_state import MOCAP, START, on_mjx, state_of
 
 Controls = Float[Array, " nu"]
 
@@ -35,8 +42,8 @@ class Engine(abc.ABC):
     """See the module's header."""
 
     scene: Scene
-    model: mjx.Model
-    origin: mjx.Data
+    model: Any
+    origin: Any
 
     @abc.abstractmethod
     def begin(self, model: mjx.Model, start: dict[str, Array]) -> Any: ...
@@ -46,6 +53,24 @@ class Engine(abc.ABC):
 
     @abc.abstractmethod
     def state(self, model: mjx.Model, carry: Any, ctrl: Controls) -> State: ...
+
+    def run(
+        self,
+        model: mjx.Model,
+        now: loop.Now,
+        controls: Array | loop.Law,
+        steps: int,
+        every: int,
+        checkpoint: int | None,
+        watch: Callable[[State], Any],
+    ) -> tuple[loop.Now, Any]:
+        """As `loop.run`; what is kept is what `watch` sees of the State in which each step begins."""
+
+        def step(carry: Any, ctrl: Array) -> tuple[Any, Any]:
+            carry, state = self.step(model, carry, ctrl)
+            return carry, watch(state)
+
+        return loop.run(step, controls, now, steps, every, checkpoint)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +121,57 @@ class OnPlane(Engine):
         return State.of(self.scene.model, now, lambda: mjx.kinematics(model, now), _no_forces)
 
 
+@dataclass(frozen=True, eq=False)
+class OnMujoco(Engine):
+    """Any scene, on C MuJoCo; its model is MuJoCo's. Where the scene is one of MJX's too, MJX says where its bodies and
+    sites are."""
+
+    forward: Forward
+
+    def begin(self, model: Any, start: dict[str, Array]) -> Array:
+        if model is not self.model or any(start[name] is not getattr(self.origin, name) for name in MOCAP):
+            raise InputError("engine mujoco moves qpos, qvel and act of a start, and no model or mocap body; take mjx")
+        s = jnp.asarray(self.forward.start, self.origin.qpos.dtype)
+        time, *_, warm = jnp.split(s, self.forward.ends)
+        return jnp.concatenate([time, start["qpos"], start["qvel"], start["act"], warm])
+
+    def step(self, model: Any, carry: Array, ctrl: Controls) -> tuple[Array, State]:
+        return motion(self.forward, carry, ctrl[None])[0], self.state(model, carry, ctrl)
+
+    def state(self, model: Any, carry: Array, ctrl: Controls) -> State:
+        time, qpos, qvel, act, _ = jnp.split(carry, self.forward.ends)
+
+        def poses() -> mjx.Data:
+            on_mjx, data = self._on_mjx
+            return mjx.kinematics(on_mjx, data.replace(qpos=qpos))
+
+        return State(time[0], qpos, qvel, act, ctrl, model, poses, _no_forces)
+
+    @functools.cached_property
+    def _on_mjx(self) -> tuple[mjx.Model, mjx.Data]:
+        check_supported(self.scene.model, self.scene.name)
+        with jax.ensure_compile_time_eval():
+            model = put_model(self.scene.model)
+            return model, make_data(model).replace(**{name: getattr(self.origin, name) for name in MOCAP})
+
+    def run(
+        self,
+        model: Any,
+        now: loop.Now,
+        controls: Array | loop.Law,
+        steps: int,
+        every: int,
+        checkpoint: int | None,
+        watch: Callable[[State], Any],
+    ) -> tuple[loop.Now, Any]:
+        def stretch(carry: Array, rows: Float[Array, "k nu"]) -> tuple[Array, Any]:
+            after = motion(self.forward, carry, rows)
+            before = jnp.concatenate([carry[None], after[:-1]])
+            return after[-1], jax.vmap(lambda carry, ctrl: watch(self.state(model, carry, ctrl)))(before, rows)
+
+        return loop.run_stretches(stretch, controls, now, steps, every, checkpoint)
+
+
 def _no_forces() -> mjx.Data:
     raise InputError("this engine has no mjx.Data: its forces are its own; take what a State holds, or engine mjx")
 
@@ -103,6 +179,11 @@ def _no_forces() -> mjx.Data:
 def check_engine(problem: Problem, name: str, options: Mapping[str, str]) -> None:
     """Raises InputError for an unknown name or option, and for a scene or variables that the engine cannot move."""
     check_names(name, options)
+    if name == "mujoco":
+        check_state(problem.scene.model, problem.scene.name)
+        if problem.bound.moves_model:
+            raise InputError("engine mujoco reads its parameters from the scene, and variables move none; take mjx")
+        return
     check_supported(problem.scene.model, problem.scene.name)
     if name == "mjx":
         return
@@ -114,6 +195,8 @@ def check_engine(problem: Problem, name: str, options: Mapping[str, str]) -> Non
 def make_engine(problem: Problem, name: str, **options: str) -> Engine:
     """The engine of that name, for a problem; errors are those of `check_engine`."""
     check_engine(problem, name, options)
+    if name == "mujoco":
+        return _on_mujoco(problem)
     if name == "mjx":
         return OnMjx(problem.scene, *_on_mjx(problem), options.get("differentiation", "implicit"))
     return on_plane(problem, make_simulator(name, problem.scene, **options))
@@ -122,6 +205,14 @@ def make_engine(problem: Problem, name: str, **options: str) -> Engine:
 def on_plane(problem: Problem, simulator: Simulator) -> Engine:
     """A planar simulator as the engine of a problem."""
     return OnPlane(problem.scene, *_on_mjx(problem), simulator)
+
+
+def _on_mujoco(problem: Problem) -> Engine:
+    model, start = problem.scene.model, problem.origin
+    with jax.ensure_compile_time_eval():
+        # Copies: on a CPU JAX may share the memory of an array, which MuJoCo writes to.
+        origin = {name: jnp.asarray(np.array(getattr(start, name)), float) for name in (*START, "ctrl")}
+    return OnMujoco(problem.scene, model, SimpleNamespace(**origin), Forward(model, start))
 
 
 def _on_mjx(problem: Problem) -> tuple[mjx.Model, mjx.Data]:

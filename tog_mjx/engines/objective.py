@@ -19,7 +19,6 @@ from tog_mjx.problems.state import State
 from tog_mjx.running.errors import InputError, require_whole
 from tog_mjx.running.types import Numbers, Scalar
 from tog_mjx.running.user_code import number
-from tog_mjx.stepping import loop
 from tog_mjx.stepping.mjx_state import START
 
 
@@ -126,7 +125,7 @@ class _Program:
         placed, fields = starts.draw(key, starts.count if count is None else count, model, self.origin)
 
         def one(placed: dict[str, Array], fields: dict[str, Array]) -> Any:
-            return function(model.tree_replace(fields), {**self.origin, **placed})
+            return function(model.tree_replace(fields) if fields else model, {**self.origin, **placed})
 
         return jax.vmap(one)(placed, fields)
 
@@ -135,13 +134,9 @@ class _Program:
         model, start = bound.place(x, model, start)
         given = bound.controls(x) if bound.controls else ctrl
 
-        def step(carry: Any, ctrl: Array) -> tuple[Any, Any]:
-            carry, state = engine.step(model, carry, ctrl)
-            return carry, watch(state)
-
         controls = (lambda *now: given(engine.state(model, *now))) if callable(given) else given
         now = engine.begin(model, start), ctrl
-        now, seen = loop.run(step, controls, now, self.problem.steps, bound.every, self._checkpoint)
+        now, seen = engine.run(model, now, controls, self.problem.steps, bound.every, self._checkpoint, watch)
         return engine.state(model, *now), seen
 
 
@@ -158,6 +153,8 @@ def objective(
     Args:
       problem: a Problem, or the name of one: "flip" or "grasp".
       engine: "mjx" for any scene (option `differentiation="implicit" | "saltation" | "native"`, see `tog.step`);
+        "mujoco", C MuJoCo, for any scene, also one that MJX refuses, and variables that move no model (its costs see
+        what a State holds, and no forces);
         "penalty" (options `friction="mujoco" | "paper"` and `differentiation="native" | "saltation"`) or "released"
         (option `mended`, one quirk out of `tog_mjx.paper.released.MENDED`) for those of one box and its fingers.
         `simulator` is its older name.

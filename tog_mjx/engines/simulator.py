@@ -13,8 +13,9 @@ J that one gradient with J counts as: what `scripts/benchmark.py --section singl
 `SALTATION_CHARGE` is that of one with the jumps, where there is one.
 """
 
+from collections import ChainMap
 from collections.abc import Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import jax
 
@@ -40,6 +41,18 @@ SIMULATORS: dict[str, Any] = {"mjx": MjxSimulator, "penalty": PenaltySimulator}
 """By name. The paper's room adds its own."""
 
 
+class CMujoco:
+    """C MuJoCo, which moves any scene and is no planar simulator."""
+
+    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {}
+    CHUNK: ClassVar[int] = 64
+    GRADIENT_CHARGE: ClassVar[float] = 20.0
+
+
+ENGINES: Mapping[str, Any] = ChainMap({"mujoco": CMujoco}, SIMULATORS)
+"""What moves a problem, by name: the simulators, and what moves any scene."""
+
+
 def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
     """The simulator called `name` of a planar scene.
 
@@ -50,7 +63,7 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
     Raises:
       InputError: for an unknown engine, option or value.
     """
-    check_names(name, options)
+    check_names(name, options, SIMULATORS)
     require_kind("the scene", scene, Scene, "give what tog.load_scene returns")
     # Also inside a transformation the parameters are numbers, not tracers.
     with jax.ensure_compile_time_eval():
@@ -59,7 +72,7 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
 
 def gradient_charge(name: str, differentiation: str | None = None) -> float:
     """Evaluations of J that one gradient of this simulator counts as."""
-    simulator = SIMULATORS[name]
+    simulator = ENGINES[name]
     charge: float = simulator.SALTATION_CHARGE if differentiation == "saltation" else simulator.GRADIENT_CHARGE
     return charge
 
@@ -71,15 +84,15 @@ def precision(simulator: str, **options: str):
       InputError: for an unknown engine, option or value.
     """
     check_names(simulator, options)
-    in_float32 = getattr(SIMULATORS[simulator], "in_float32", None)
+    in_float32 = getattr(ENGINES[simulator], "in_float32", None)
     return jax.enable_x64(in_float32 is None or not in_float32(**options))
 
 
-def check_names(name: str, options: Mapping[str, str]) -> None:
+def check_names(name: str, options: Mapping[str, str], among: Mapping[str, Any] = ENGINES) -> None:
     """Raises InputError for an unknown engine, option or value."""
-    if name not in list(SIMULATORS):
-        raise InputError(f"engine {name!r} is unknown; choose from {', '.join(SIMULATORS)}")
-    choices = SIMULATORS[name].OPTIONS
+    if name not in list(among):
+        raise InputError(f"engine {name!r} is unknown; choose from {', '.join(among)}")
+    choices = among[name].OPTIONS
     for option, value in options.items():
         if option not in choices:
             raise InputError(

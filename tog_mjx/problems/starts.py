@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import jax
 from jaxtyping import Array, Key
 
+from tog_mjx.problems.wrt import Model
 from tog_mjx.running.errors import InputError, near, require_kind, require_whole
 from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.mjx_state import START
@@ -29,7 +30,7 @@ class Starts:
         require_kind("sample", self.sample, Callable, "give a function of a key")
         require_whole("count", self.count, 1)
 
-    def draw(self, key: Key[Array, ""], count: int, model: mjx.Model, start: dict[str, Array]) -> tuple[dict, dict]:
+    def draw(self, key: Key[Array, ""], count: int, model: Model, start: dict[str, Array]) -> tuple[dict, dict]:
         """So many starts and changes of the model, as arrays with a leading axis.
 
         Raises:

@@ -18,16 +18,15 @@ from tog_mjx.mjcf.fields import array_name
 from tog_mjx.mjcf.followers import Origin
 from tog_mjx.mjcf.parameter import Parameter
 from tog_mjx.problems.state import State
-from tog_mjx.problems.wrt import TURNED, Displacements, Placed, control_names
+from tog_mjx.problems.wrt import TURNED, Displacements, Model, Placed, control_names
 from tog_mjx.running.errors import InputError, require_choice, require_whole
-from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.mjx_state import START
 
 Law = Callable[[State], Float[Array, " nu"]]
 """Controls as an answer to the state."""
 
 
-def _keep(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
+def _keep(x: Array, model: Model, start: dict[str, Array]) -> Placed:
     del x
     return model, start
 
@@ -46,7 +45,7 @@ class Bound:
     low: Float[np.ndarray, " n"]
     high: Float[np.ndarray, " n"]
     scale: Float[np.ndarray, " n"]
-    place: Callable[[Array, mjx.Model, dict[str, Array]], Placed] = _keep
+    place: Callable[[Array, Model, dict[str, Array]], Placed] = _keep
     controls: Callable[[Array], Array | Law] | None = None
     every: int = 1
     moves_model: bool = False
@@ -141,7 +140,7 @@ class Start:
         if name in TURNED:
             return Bound.of(found.names, np.zeros(len(chosen)), place=found.place)
 
-        def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
+        def place(x: Array, model: Model, start: dict[str, Array]) -> Placed:
             old = start[name]
             return model, {**start, name: old.ravel().at[chosen].set(x).reshape(old.shape)}
 
@@ -167,7 +166,7 @@ class Parameters:
         names = [name for part in parts for name in part.names]
         ends = np.cumsum([len(part.value) for part in parts])[:-1]
 
-        def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
+        def place(x: Array, model: Model, start: dict[str, Array]) -> Placed:
             for part, new in zip(parts, jnp.split(x, ends), strict=True):
                 model = part.moved(model, new - part.value)
             return model, start
@@ -188,7 +187,7 @@ class Several:
         def split(x: Array) -> list[tuple[Bound, Array]]:
             return list(zip(parts, jnp.split(x, ends), strict=True))
 
-        def place(x: Array, model: mjx.Model, start: dict[str, Array]) -> Placed:
+        def place(x: Array, model: Model, start: dict[str, Array]) -> Placed:
             for part, some in split(x):
                 model, start = part.place(some, model, start)
             return model, start

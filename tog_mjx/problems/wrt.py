@@ -7,6 +7,7 @@ one of velocity space, as `mj_integratePos` adds it: a rotation has three number
 import functools
 import math
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +28,9 @@ OF_DATA = ("ctrl", *START)
 """Variables of the start and the inputs; all others are of the model."""
 TURNED = ("qpos", "mocap_quat")
 """Those that have more numbers than displacements."""
-Placed = tuple[mjx.Model, dict[str, Array]]
+Model: TypeAlias = mjx.Model | mujoco.MjModel
+"""Of the engine that moves the problem; only MJX's can be displaced."""
+Placed = tuple[Model, dict[str, Array]]
 """A model, and a start by the names of its fields in `mjx.Data`."""
 
 
@@ -119,7 +122,7 @@ class Displacements:
         """Which of x [n] are numbers of the model that nothing reads."""
         return np.broadcast_to(unused(self.model, self.array), self.shape).ravel()[self.chosen]
 
-    def place(self, x: Float[Array, " n"], model: mjx.Model, start: dict[str, Array]) -> Placed:
+    def place(self, x: Float[Array, " n"], model: Model, start: dict[str, Array]) -> Placed:
         """The model and the start, displaced."""
         if self.parameter:
             return self.parameter.moved(model, x), start

@@ -69,7 +69,7 @@ def solve(
       reach: how far the answer may lie from the guess, in the units of the variables: all updates together can move
         each of them by twice as much, and where starts are drawn by as much. None: as far as a variable is from zero,
         and at least 1; of a problem, its `reach`.
-      engine: of a problem: "mjx" (if None), "penalty" or "released". `simulator` is its older name.
+      engine: of a problem: "mjx" (if None), "mujoco", "penalty" or "released". `simulator` is its older name.
       differentiation: of a problem: which gradient to follow, an option of the simulator; None is its own, the
         derivative between two jumps of the motion. That succeeds at least as often on flip and grasp, with any number
         of knots: on the grasp with constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the

@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import mujoco
 from jaxtyping import Array, Float
 
 from tog_mjx.running.errors import InputError
@@ -42,7 +43,9 @@ def integrate(model: mjx.Model, data: mjx.Data, forward: Forward) -> mjx.Data:
     return after.replace(qpos=with_derivative_of(after.qpos, qpos))
 
 
-def positions_after(model: mjx.Model, qpos: Float[Array, " nq"], change: Float[Array, " nv"]) -> Float[Array, " nq"]:
+def positions_after(
+    model: mjx.Model | mujoco.MjModel, qpos: Float[Array, " nq"], change: Float[Array, " nv"]
+) -> Float[Array, " nq"]:
     """Positions displaced by `change`, a velocity times a duration."""
     pieces = []
     for kind, q, v in zip(model.jnt_type, model.jnt_qposadr, model.jnt_dofadr, strict=True):

@@ -41,6 +41,39 @@ def run(
         carry, seen = jax.lax.scan(lambda carry, _: step(carry, ctrl), now[0], length=length)
         return (carry, ctrl), seen
 
+    return _periods(period, now, steps, every, checkpoint)
+
+
+def run_stretches(
+    stretch: Step, controls: Array | Law, now: Now, steps: int, every: int = 1, checkpoint: int | None = None
+) -> tuple[Now, Any]:
+    """As `run`, of what takes many steps at once: `stretch(carry, rows [k, nu]) -> (carry, what is to be kept [k])`.
+
+    A stretch is the whole motion under controls known beforehand, or what lies between two checkpoints, and the steps
+    for which a law's answer is held.
+    """
+
+    def advance(now: Now, rows: Array) -> tuple[Now, Any]:
+        carry, seen = stretch(now[0], rows)
+        return (carry, rows[-1]), seen
+
+    if not callable(controls):
+        rows = jnp.broadcast_to(controls, (steps, controls.shape[-1]))
+        if checkpoint is None:
+            return advance(now, rows)
+        now, seen = jax.lax.scan(jax.checkpoint(advance), now, rows.reshape(-1, checkpoint, rows.shape[1]))
+        return now, _joined(seen)
+    law = controls
+
+    def period(now: Now, length: int) -> tuple[Now, Any]:
+        ctrl = law(*now)
+        return advance(now, jnp.broadcast_to(ctrl, (length, *ctrl.shape)))
+
+    return _periods(period, now, steps, every, checkpoint)
+
+
+def _periods(period: Callable, now: Now, steps: int, every: int, checkpoint: int | None) -> tuple[Now, Any]:
+    """Of so many steps `period(now, length)`, and what is left."""
     periods, rest = divmod(steps, every)
     now, seen = _scan(lambda now, _: period(now, every), now, None, periods, checkpoint and checkpoint // every)
     seen = _joined(seen)

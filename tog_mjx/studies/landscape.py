@@ -11,7 +11,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.engines import SIMULATORS, objective, precision
+from tog_mjx.engines import ENGINES, objective, precision
 from tog_mjx.gradients import exact_batch
 from tog_mjx.problems import Plane, Problem, Starts
 from tog_mjx.running.batches import map_kept, map_points
@@ -91,7 +91,7 @@ def _over(
 ) -> np.ndarray:
     """What `batched` makes of J, at all points."""
     motions = problem.start.count if isinstance(problem.start, Starts) else 1
-    chunk = max(1, SIMULATORS[engine].CHUNK // motions)
+    chunk = max(1, ENGINES[engine].CHUNK // motions)
     with precision(engine, **options):
         J = objective(problem, engine, **options)
 

@@ -1,0 +1,86 @@
+"""Motions of C MuJoCo, many at a time, on all cores.
+
+A state is MuJoCo's own vector s [1 + nq + nv + na + nv]: time, qpos, qvel, act, and the warm start of the solver. All
+else that a step reads is an input, and stays as the problem's start has it.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable
+from typing import TypeVar
+
+import mujoco
+import mujoco.batch
+import numpy as np
+from jaxtyping import Float
+
+from tog_mjx.running.devices import cores
+from tog_mjx.running.errors import InputError
+
+Kind = TypeVar("Kind")
+_PART = mujoco.mjtState
+STATE = sum(
+    int(part)
+    for part in (_PART.mjSTATE_TIME, _PART.mjSTATE_QPOS, _PART.mjSTATE_QVEL, _PART.mjSTATE_ACT, _PART.mjSTATE_WARMSTART)
+)
+WHOLE = int(_PART.mjSTATE_INTEGRATION)
+_HIDDEN = {
+    "delays": _PART.mjSTATE_HISTORY,
+    "user data": _PART.mjSTATE_USERDATA,
+    "plugins": _PART.mjSTATE_PLUGIN,
+    "plastic bodies": _PART.mjSTATE_PLASTIC,
+}
+"""What would have a state beside s."""
+
+
+class Forward:
+    """The motions of a model under the inputs of a start. Any number of threads may call it at once."""
+
+    def __init__(self, model: mujoco.MjModel, origin: mujoco.MjData, threads: int | None = None):
+        self.model, self.threads = model, threads or cores()
+        self.whole, self.start = (np.zeros(mujoco.mj_stateSize(model, spec)) for spec in (WHOLE, STATE))
+        mujoco.mj_getState(model, origin, self.whole, WHOLE)
+        mujoco.mj_getState(model, origin, self.start, STATE)
+        self.ends = np.cumsum([1, model.nq, model.nv, model.na])
+        """Where time, qpos, qvel and act end in s."""
+        # Making one costs more than a step of a small model. Every call takes what nobody uses, and sets all of it.
+        self._idle: defaultdict[int, list[mujoco.batch.Batch]] = defaultdict(list)
+        self.spare: list[mujoco.MjData] = []
+
+    def motions(self, states: Float[np.ndarray, "N s"], controls: Float[np.ndarray, "N k nu"]) -> np.ndarray:
+        """The states after each of k steps, [N, k, s], the same to the bit for any number of threads. From where
+        MuJoCo warns that a motion has burst they are NaN."""
+        count, steps, _ = controls.shape
+        idle = self._idle[count]
+        batch = _taken(idle, lambda: mujoco.batch.Batch(self.model, count, min(self.threads, count)))
+        batch.state[:] = self.whole
+        batch.state[:, : states.shape[1]] = states
+        batch.warning[:] = 0
+        found: np.ndarray = batch.rollout(steps, controls, record=(STATE,))[STATE]
+        burst = batch.warning[..., 1].any(1)
+        idle.append(batch)
+        for i in np.flatnonzero(burst):
+            # Its steps after the last one repeat that one, in which MuJoCo has begun anew.
+            found[i, np.argmax(found[i, :, 0] == found[i, -1, 0]) :] = np.nan
+        return found
+
+    def data(self) -> mujoco.MjData:
+        """Data that nobody uses, with the inputs; put them into `spare` afterwards."""
+        data = _taken(self.spare, lambda: mujoco.MjData(self.model))
+        mujoco.mj_setState(self.model, data, self.whole, WHOLE)
+        return data
+
+
+def _taken(idle: list[Kind], make: Callable[[], Kind]) -> Kind:
+    try:
+        return idle.pop()
+    except IndexError:
+        return make()
+
+
+def check_state(model: mujoco.MjModel, name: str) -> None:
+    """Raises InputError for a model whose steps depend on more than time, positions, velocities and activations."""
+    found = [what for what, part in _HIDDEN.items() if mujoco.mj_stateSize(model, int(part))]
+    if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
+        found.append("sleeping bodies")
+    if found:
+        raise InputError(f"{name}: engine mujoco has no state for {' and '.join(found)}; remove them")

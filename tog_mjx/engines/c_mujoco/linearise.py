@@ -1,0 +1,114 @@
+"""The derivative of every step of a motion, by differences of C MuJoCo at its stored state, on all cores.
+
+Both one-sided differences are taken; their mean is the centred one. Where they are far apart a contact begins or ends
+within a step of the difference, and the mean would be a jump divided by that step. There both are taken again with a
+smaller step, and if they are still apart the side counts that changes less with the step: it does not cross the jump.
+"""
+
+import functools
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from tog_mjx.engines.c_mujoco.forward import STATE, Forward
+from tog_mjx.running.devices import cores
+from tog_mjx.running.errors import InputError
+from tog_mjx.stepping.velocity_space import position_basis, velocity_basis
+
+STEP, FINE = 1e-6, 1e-8
+"""Of a difference, in each coordinate's unit, and where something begins within that. The mean errs by rounding, which
+is 1e-14 / STEP of what has gone through a converged solver (flip), and by STEP^2 times a third derivative."""
+APART = 1e-3
+"""The difference of the two, relative to the flatter one and at least to 1, from which on something lies in between: of
+what is smooth it is STEP times a second derivative."""
+
+
+class Slopes(NamedTuple):
+    """Of (qpos, qvel, act) after a step: in those before, [..., n, n], and in the controls, [..., n, nu]."""
+
+    state: np.ndarray
+    controls: np.ndarray
+
+
+@functools.cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(cores(), "linearise")
+
+
+def slopes(
+    forward: Forward,
+    before: Float[np.ndarray, "N s"],
+    after: Float[np.ndarray, "N s"],
+    controls: Float[np.ndarray, "N nu"],
+) -> Slopes:
+    """The derivatives of N steps. Each is computed from its own state alone, on whichever thread. Those of steps that
+    burst are NaN."""
+    model, (_, q, *_) = forward.model, forward.ends
+    n = 2 * model.nv + model.na
+    both = np.full((2, len(before), n, n + model.nu), np.nan)
+    usable = np.flatnonzero(np.isfinite(after).all(1) & np.isfinite(before).all(1))
+    both[:, usable] = _one_sided(forward, before[usable], controls[usable], STEP)
+    again = usable[_apart(both[:, usable]).any(1)]
+    coarse, fine = both[:, again], _one_sided(forward, before[again], controls[again], FINE)
+    slope = both.mean(0)
+    slope[again] = np.where(_apart(coarse)[:, None], _settled(coarse, fine), slope[again])
+    found = Slopes(slope[..., :n], slope[..., n:])
+    if model.nq == model.nv:
+        return found
+    return _in_positions(model, before[:, 1:q], after[:, 1:q], found)
+
+
+def _one_sided(forward: Forward, states: np.ndarray, controls: np.ndarray, step: float) -> np.ndarray:
+    """Derivatives by differences ahead and behind, [2, N, n, n + nu], in velocity space."""
+    model, count = forward.model, len(states)
+    n = 2 * model.nv + model.na
+    of_state, of_controls = np.empty((2, count, n, n)), np.zeros((2, count, n, model.nu))
+
+    def some(numbers: np.ndarray) -> None:
+        data = forward.data()
+        for i in numbers:
+            for side, length in enumerate((step, -step)):
+                mujoco.mj_setState(model, data, states[i], STATE)
+                data.ctrl[:] = controls[i]
+                of = of_state[side, i], of_controls[side, i]
+                mujoco.mjd_transitionFD(model, data, length, False, *of, None, None)
+        forward.spare.append(data)
+
+    parts = [part for part in np.array_split(np.arange(count), forward.threads) if len(part)]
+    list((_pool().map if len(parts) > 1 else map)(some, parts))
+    return np.concatenate([of_state, of_controls], axis=3)
+
+
+def _apart(both: Float[np.ndarray, "2 N n m"]) -> np.ndarray:
+    """Of which variables the two differences disagree, [N, m]."""
+    size = np.abs(both).max(2).min(0)
+    return np.abs(both[0] - both[1]).max(1) > APART * np.maximum(size, 1.0)
+
+
+def _settled(coarse: Float[np.ndarray, "2 N n m"], fine: Float[np.ndarray, "2 N n m"]) -> np.ndarray:
+    """The mean with the small step, [N, n, m]; of variables that are apart even then, the steadier side."""
+    drift = np.linalg.norm(coarse - fine, axis=2)
+    steadier = np.where((drift[0] < drift[1])[:, None], *coarse)
+    return np.where(_apart(fine)[:, None], steadier, fine.mean(0))
+
+
+def _in_positions(model: mujoco.MjModel, before: np.ndarray, after: np.ndarray, found: Slopes) -> Slopes:
+    """From velocity space, where a rotation has three numbers, to positions, where it has four."""
+    nv = model.nv
+    into, out_of = velocity_basis(model, before), position_basis(model, after)
+
+    def rows(matrix: np.ndarray) -> np.ndarray:
+        return np.concatenate([out_of @ matrix[:, :nv], matrix[:, nv:]], axis=1)
+
+    columns = np.concatenate([found.state[..., :nv] @ into, found.state[..., nv:]], axis=2)
+    return Slopes(rows(columns), rows(found.controls))
+
+
+def check_differences(model: mujoco.MjModel) -> None:
+    """Raises InputError for what `mjd_transitionFD` does not differentiate."""
+    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+        told = "engine mujoco has no derivative of <option integrator='RK4'>, which mjd_transitionFD does not take"
+        raise InputError(f"{told}; set Euler or implicitfast, or take engine mjx")
