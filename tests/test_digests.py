@@ -6,11 +6,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import mujoco
 import pytest
 
 import tog_mjx
 from tog_mjx.paper.comparison import Run
-from tog_mjx.running.digests import COMPUTES, modules_behind, program_digest
+from tog_mjx.running.digests import COMPUTES, function_digest, lowered, modules_behind, program_digest
 
 PACKAGE = Path(tog_mjx.__file__).parent
 QUESTIONS = ("paper.questions.why", "paper.questions.asymmetry")
@@ -99,3 +100,16 @@ def test_a_descent_made_with_another_optax_is_another(monkeypatch):
     after = run.settings()
     program_digest.cache_clear()
     assert {name for name in before if before[name] != after[name]} == {"program"}
+
+
+def test_a_digest_of_j_knows_the_model_that_its_program_leaves_to_c_mujoco():
+    """Kept landscapes are read again by it."""
+
+    def digest(mass: float) -> str:
+        body = f'<body><joint type="slide"/><geom size="1" mass="{mass}"/></body>'
+        model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+        problem = tog_mjx.Problem(model, 2, tog_mjx.Start("qvel"), cost=lambda last: last.qpos[0])
+        return function_digest(lowered(tog_mjx.objective(problem, "mujoco"), problem.x0))
+
+    assert digest(1) == digest(1)
+    assert digest(1) != digest(2)

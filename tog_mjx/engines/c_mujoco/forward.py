@@ -4,6 +4,7 @@ A state is MuJoCo's own vector s [1 + nq + nv + na + nv]: time, qpos, qvel, act,
 else that a step reads is an input, and stays as the problem's start has it.
 """
 
+import hashlib
 from collections import defaultdict
 from collections.abc import Callable
 from typing import TypeVar
@@ -14,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.running.devices import cores
+from tog_mjx.running.digests import scene_digest
 from tog_mjx.running.errors import InputError
 
 Kind = TypeVar("Kind")
@@ -40,6 +42,9 @@ class Forward:
         self.whole, self.start = (np.zeros(mujoco.mj_stateSize(model, spec)) for spec in (WHOLE, STATE))
         mujoco.mj_getState(model, origin, self.whole, WHOLE)
         mujoco.mj_getState(model, origin, self.start, STATE)
+        digest = hashlib.sha256(f"{scene_digest(model)}{mujoco.__version__}".encode() + self.whole.tobytes()).digest()
+        self.identity = np.frombuffer(digest, np.uint32)
+        """Of all that a motion depends on beside its state and controls."""
         self.ends = np.cumsum([1, model.nq, model.nv, model.na])
         """Where time, qpos, qvel and act end in s."""
         # Making one costs more than a step of a small model. Every call takes what nobody uses, and sets all of it.

@@ -24,13 +24,16 @@ _outside = Primitive("outside")
 _outside.multiple_results = True
 
 
-def call(function: Function, shapes: Sequence[tuple[int, ...]], *given: Array) -> tuple[Array, ...]:
+def call(
+    function: Function, identity: np.ndarray, shapes: Sequence[tuple[int, ...]], *given: Array
+) -> tuple[Array, ...]:
     """What a function of float64 arrays with a leading axis returns, [count, *shape] each: here of one member, and
-    under `vmap` of all at once."""
+    under `vmap` of all at once. `identity` [words] stands in the program's text, which knows nothing of the function,
+    so that a digest of the text is one of all that the values depend on."""
     own, dtype = [some.ndim for some in given], jnp.zeros(0).dtype
     count = dtype.itemsize // np.dtype(_WORD).itemsize
 
-    def host(*words: Any) -> tuple[np.ndarray, ...]:
+    def host(_: Any, *words: Any) -> tuple[np.ndarray, ...]:
         parts = [np.ascontiguousarray(some).view(dtype)[..., 0].astype(float) for some in words]
         ends = [part.shape[part.ndim - n :] for part, n in zip(parts, own, strict=True)]
         lead = np.broadcast_shapes(*(part.shape[: part.ndim - n] for part, n in zip(parts, own, strict=True)))
@@ -41,7 +44,8 @@ def call(function: Function, shapes: Sequence[tuple[int, ...]], *given: Array) -
         found = zip(function(*rows), shapes, strict=True)
         return tuple(some.astype(dtype).reshape(*lead, *shape, 1).view(_WORD) for some, shape in found)
 
-    found = _outside.bind(*map(_in_words, given), host=host, shapes=tuple((*shape, count) for shape in shapes))
+    whose = jnp.asarray(identity, _WORD)
+    found = _outside.bind(whose, *map(_in_words, given), host=host, shapes=tuple((*shape, count) for shape in shapes))
     return tuple(_from_words(some, dtype) for some in found)
 
 

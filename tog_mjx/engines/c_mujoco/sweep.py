@@ -29,7 +29,7 @@ def motion(forward: Forward, state: Float[Array, " s"], controls: Float[Array, "
     def run(state: np.ndarray, controls: np.ndarray) -> list[np.ndarray]:
         return [forward.motions(state, controls)]
 
-    return outside.call(run, [(steps, size)], state, controls)[0]
+    return outside.call(run, forward.identity, [(steps, size)], state, controls)[0]
 
 
 @motion.defjvp
@@ -61,7 +61,7 @@ def _linearised(
     def run(*rows: np.ndarray) -> list[np.ndarray]:
         return list(slopes(forward, *(some.reshape(-1, some.shape[-1]) for some in rows)))
 
-    return outside.call(run, [(steps, n, n), (steps, n, nu)], before, after, controls)
+    return outside.call(run, forward.identity, [(steps, n, n), (steps, n, nu)], before, after, controls)
 
 
 @_linearised.defjvp
