@@ -22,6 +22,7 @@ def saved(tmp_path):
 def test_there_and_back(saved):
     arrays, attributes = load_result(saved)
     assert attributes == {"seed": 3, "nested": {"a": [1, 2]}}
+    assert arrays.keys() == ARRAYS.keys()
     for name, array in ARRAYS.items():
         np.testing.assert_array_equal(arrays[name], array)
     assert [p.name for p in saved.parent.iterdir()] == ["result.npz"]
@@ -90,6 +91,12 @@ def test_outputs_of_one_name_or_that_of_an_input_are_refused(tmp_path):
         check_writable(page, tmp_path / "." / "page.html", inputs=[scene])
     with pytest.raises(InputError, match=r"scene.xml: it is read"):
         check_writable(page, scene, inputs=[scene])
+
+
+def test_a_result_holds_no_python_objects(tmp_path):
+    with pytest.raises(TypeError, match=r"result\.npz: x: an array of Python objects"):
+        save_result(tmp_path / "result.npz", {"x": np.array([None]), "y": np.zeros(2)}, {})
+    assert not list(tmp_path.iterdir())
 
 
 def test_json_holds_no_nan(tmp_path):

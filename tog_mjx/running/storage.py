@@ -97,9 +97,16 @@ def _umask() -> int:
 
 
 def save_result(path: Path, arrays: Mapping[str, np.ndarray], attributes: Mapping[str, Any]) -> None:
-    """Writes arrays and JSON-able attributes, atomically."""
+    """Writes arrays and JSON-able attributes, atomically.
+
+    Raises:
+      TypeError: for an array of Python objects, which could not be read again.
+    """
+    # NumPy's own refusal, allow_pickle, is younger than the lowest NumPy here, which keeps it as one more array.
+    if objects := [name for name, array in arrays.items() if np.asarray(array).dtype.hasobject]:
+        raise TypeError(f"{path}: {', '.join(objects)}: an array of Python objects is not a result")
     with atomic_write(path) as file:
-        np.savez(file, allow_pickle=False, **{_ATTRIBUTES: np.array(json.dumps(attributes))}, **arrays)
+        np.savez(file, **{_ATTRIBUTES: np.array(json.dumps(attributes))}, **arrays)
 
 
 def load_result(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
