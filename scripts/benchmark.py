@@ -21,13 +21,14 @@ from rich.table import Table
 
 from tog_mjx.drawing.figures.crossover import draw_crossover
 from tog_mjx.drawing.figures.style import save_figure
+from tog_mjx.mjcf.scene import scene_path
 from tog_mjx.paper.tasks import TASKS, get_task
 from tog_mjx.running.console import ArgumentParser, run_main
 from tog_mjx.running.devices import cores
 from tog_mjx.running.storage import check_writable, save_json
-from tog_mjx.studies.benchmarks import sections
+from tog_mjx.studies.benchmarks import models, sections
 
-SECTIONS = ("single", "start", "batches", "crossover", "scaling")
+SECTIONS = ("single", "start", "batches", "crossover", "scaling", "engines")
 BATCHES, KNOTS, FACTORS = (64, 256, 1024, 4096, 16384, 40000), (1, 4, 16, 64, 256, 512), (1, 4, 16, 64)
 QUICK_BATCHES, QUICK_KNOTS, QUICK_FACTORS = (64, 1024), (1, 8), (1, 4)
 
@@ -50,6 +51,14 @@ def parse_arguments():
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--task", choices=list(TASKS), default="flip")
     parser.add_argument("--section", choices=SECTIONS, nargs="+", default=list(SECTIONS))
+    parser.add_argument(
+        "--models",
+        type=Path,
+        nargs="+",
+        default=[scene_path(name) for name in TASKS],
+        metavar="FILE",
+        help="MJCF files with actuators, of the section engines (default: the scenes of both tasks)",
+    )
     parser.add_argument("--quick", action="store_true", help="fewer rounds, smaller batches, fewer knots")
     parser.add_argument(
         "--repeats", type=int, metavar="N", help="rounds, of which the median is taken (default: 15; quick: 3)"
@@ -91,6 +100,8 @@ def measure(name: str, args, console: Console) -> list[dict[str, Any]]:
             case "crossover":
                 knots = QUICK_KNOTS if args.quick else KNOTS
                 rows = sections.crossover(task, knots, few, report)
+            case "engines":
+                rows = models.engines(args.models, few, report)
             case _:
                 rows = sections.scaling(task, QUICK_FACTORS if args.quick else FACTORS, few, report)
     console.print(table(f"{name}, {args.task}, {'float32' if args.float32 else 'float64'}", rows))

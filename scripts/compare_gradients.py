@@ -30,7 +30,7 @@ from tog_mjx.studies.landscape import gradient_field, landscape
 
 LANDSCAPE, ARROWS = 40, 12
 """Points and arrows of the figure, along each axis."""
-WIDTH = 124
+WIDTH = 128
 """Characters of the tables."""
 
 

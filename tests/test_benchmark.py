@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from tog_mjx.studies.benchmarks import sections
+from tog_mjx.studies.benchmarks import models, sections
 
 KEYS = {
     "single": {"simulator", "what", "ms", "evaluations", "seconds_compile", "megabytes"},
@@ -12,6 +12,7 @@ KEYS = {
     "batches": {"simulator", "what", "batch", "per_second", "seconds"},
     "crossover": {"simulator", "method", "knots", "ms", "variables"},
     "scaling": {"grows", "factor", "what", "ms", "megabytes"},
+    "engines": {"model", "nv", "engine", "us_per_step", "of_mjx", "seconds_compile", "apart", "settled"},
 }
 
 
@@ -32,6 +33,26 @@ def test_sections_that_need_no_mjx_are_printed_and_kept(run_script, tmp_path, mo
     assert {row["variables"] for row in found["crossover"]} == {2, 16}
     assert {row["batch"] for row in found["batches"]} == {64, 1024}
     assert out.with_suffix(".png").stat().st_size > 10_000
+
+
+REFUSED = """
+<mujoco model="refused">
+  <option timestep="0.005"/>
+  <worldbody><geom type="box" size="1 1 0.1" pos="0 0 -0.1" solref="0.05 1"/>
+    <body pos="0 0 0.049"><joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
+      <geom type="cylinder" size="0.1 0.05" mass="1" solref="0.05 1"/></body></worldbody>
+  <actuator><motor joint="x" ctrlrange="-1 1" ctrllimited="true"/></actuator>
+</mujoco>"""
+
+
+def test_the_engines_of_a_model_that_mjx_refuses_are_held_against_differences(tmp_path):
+    """A cylinder that slides on a box: no MJX, and a gradient that whole motions confirm."""
+    path = tmp_path / "refused.xml"
+    path.write_text(REFUSED)
+    rows = models.engines([path], 1, lambda _: None)
+    assert {frozenset(row) for row in rows} == {frozenset(KEYS["engines"])}
+    assert [row["engine"] for row in rows] == [models.ONE, models.ALL]
+    assert all(row["of_mjx"] is None and row["settled"] < 1e-4 and row["apart"] < 1e-4 for row in rows)
 
 
 @pytest.mark.parametrize(

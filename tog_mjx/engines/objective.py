@@ -186,9 +186,10 @@ def older(engine: Any, simulator: str | None) -> Any:
     return simulator or engine
 
 
-def final_cost(problem: Problem, simulator: Simulator, x: Float[Array, " n"]) -> Scalar:
-    """J on a planar simulator of one's own, which may be a traced pytree: J is differentiable in its parameters too."""
-    program = _Program(problem, on_plane(problem, simulator))
+def final_cost(problem: Problem, engine: Engine | Simulator, x: Float[Array, " n"]) -> Scalar:
+    """J on an engine of one's own, or on a planar simulator, which may be a traced pytree: J is differentiable in its
+    parameters too."""
+    program = _Program(problem, engine if isinstance(engine, Engine) else on_plane(problem, engine))
     return program.cost(x, program.engine.model, program.origin)
 
 

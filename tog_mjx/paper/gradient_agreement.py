@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.engines import Simulator, make_simulator, reference
-from tog_mjx.engines.objective import final_cost
+from tog_mjx.engines.objective import final_cost, objective
 from tog_mjx.gradients import exact
 from tog_mjx.mjcf.scene import Scene
 from tog_mjx.paper.tasks import Task, get_task
@@ -25,9 +25,10 @@ from tog_mjx.paper.terms import TERMS
 from tog_mjx.running.digests import made_with
 from tog_mjx.running.errors import InputError
 from tog_mjx.running.storage import DamagedFileError, load_result, of_shapes, save_result
+from tog_mjx.running.types import Scalar
 
 REFERENCE = "C MuJoCo, differences"
-MJX, PENALTY = "mjx, implicit", "penalty"
+MJX, PENALTY, C_MUJOCO = "mjx, implicit", "penalty", "C MuJoCo, linearised"
 _SIMULATORS: dict[str, Callable[[Scene], Simulator]] = {
     MJX: partial(make_simulator, "mjx"),
     "mjx, implicit, float32": partial(make_simulator, "mjx"),
@@ -37,7 +38,7 @@ _SIMULATORS: dict[str, Callable[[Scene], Simulator]] = {
     "released": partial(make_simulator, "released"),
     **TERMS,
 }
-METHODS = (REFERENCE, *(name for name in _SIMULATORS if name not in TERMS))
+METHODS = (REFERENCE, C_MUJOCO, *(name for name in _SIMULATORS if name not in TERMS))
 """The methods of the study; those of `TERMS` may be added."""
 
 CHUNK = 25
@@ -91,7 +92,7 @@ def compute(piece: Piece, report: Callable[[int], None]) -> Gradients:
         chunks, seconds_compile = _differences(task, setpoints), 0.0
     else:
         with _precision(piece.method):
-            gradient, seconds_compile = compile_gradient(task, _SIMULATORS[piece.method](task.scene))
+            gradient, seconds_compile = _compile_gradient(task, _cost(task, piece.method))
             chunks = _in_chunks(gradient, setpoints)
     found, start = [], time.perf_counter()
     report(0)
@@ -109,9 +110,15 @@ def _differences(task: Task, setpoints: np.ndarray) -> Iterator[tuple[np.ndarray
         yield differences.jacobian[:, 0], differences.change
 
 
-def compile_gradient(task: Task, simulator: Simulator) -> tuple[Callable[[Any], jax.Array], float]:
+def _cost(task: Task, method: str) -> Callable[[jax.Array], Scalar]:
+    if method == C_MUJOCO:
+        return objective(task, "mujoco")
+    return partial(final_cost, task, _SIMULATORS[method](task.scene))
+
+
+def _compile_gradient(task: Task, cost: Callable[[jax.Array], Scalar]) -> tuple[Callable[[Any], jax.Array], float]:
     """dJ/du of a chunk of setpoints, compiled, and the seconds that took."""
-    estimate = exact(lambda u: final_cost(task, simulator, u), "forward")
+    estimate = exact(cost, "forward")
     batch = jnp.zeros((CHUNK, task.initial_guess.size))
     start = time.perf_counter()
     # One after the other: compiled sooner than a batch, and timed as one gradient.

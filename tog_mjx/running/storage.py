@@ -105,8 +105,9 @@ def save_result(path: Path, arrays: Mapping[str, np.ndarray], attributes: Mappin
     # NumPy's own refusal, allow_pickle, is younger than the lowest NumPy here, which keeps it as one more array.
     if objects := [name for name, array in arrays.items() if np.asarray(array).dtype.hasobject]:
         raise TypeError(f"{path}: {', '.join(objects)}: an array of Python objects is not a result")
+    whole: dict[str, Any] = {_ATTRIBUTES: np.array(json.dumps(attributes)), **arrays}
     with atomic_write(path) as file:
-        np.savez(file, **{_ATTRIBUTES: np.array(json.dumps(attributes))}, **arrays)
+        np.savez(file, **whole)
 
 
 def load_result(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -13,6 +13,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "reverse mode": {"color": "#1b1b1b", "linestyle": "-", "marker": "o"},
     "forward mode": {"color": "#0072b2", "linestyle": "--", "marker": "s"},
     "one stochastic sample": {"color": "#d55e00", "linestyle": "-.", "marker": "x"},
+    "linear steps of C MuJoCo, all cores": {"color": "#cc79a7", "linestyle": "-", "marker": "v"},
     "differences of C MuJoCo, all cores": {"color": "#009e73", "linestyle": (0, (1, 1)), "marker": "^"},
 }
 

@@ -19,7 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from tog_mjx.engines import SIMULATORS, MjxSimulator, Simulator, make_simulator, reference
-from tog_mjx.engines.objective import final_cost
+from tog_mjx.engines.objective import final_cost, objective
 from tog_mjx.gradients import exact_batch, stochastic
 from tog_mjx.problems import Problem
 from tog_mjx.problems.library import get_problem
@@ -108,7 +108,7 @@ def start(task: Problem, report: Report) -> list[Row]:
     """Seconds from the start of a fresh process to its first gradient, by `exact`: without and with a filled cache."""
     rows = []
     with tempfile.TemporaryDirectory() as cache:
-        for name in SIMULATED:
+        for name in (*SIMULATED, "mujoco"):
             for what in ("compiled", "from the cache"):
                 report(f"start: {name}, {what}")
                 command = [sys.executable, "-m", "tog_mjx.studies.benchmarks.first_gradient", task.name, name]
@@ -140,7 +140,9 @@ def batches(task: Problem, sizes: Sequence[int], repeats: int, report: Report) -
                 runs[name, "J"] = _in_chunks(jax.vmap(cost), setpoints[:size], name)
                 runs[name, "gradient"] = _in_chunks(exact_batch(cost), setpoints[:size], name)
             if size <= PATIENT:
-                runs["C MuJoCo, all cores", "J"] = functools.partial(reference.final_costs, task, setpoints[:size])
+                in_c, some = objective(task, "mujoco"), jnp.asarray(setpoints[:size])
+                runs["C MuJoCo, all cores", "J"] = functools.partial(jax.jit(jax.vmap(in_c)), some)
+                runs["C MuJoCo, all cores", "gradient"] = functools.partial(jax.jit(jax.vmap(jax.grad(in_c))), some)
             if loop is not None:
                 runs["C loop, all cores, float32", "J"] = functools.partial(loop, setpoints[:size])
             for (name, what), seconds in interleaved(runs, repeats).items():
@@ -185,6 +187,8 @@ def _gradients(task: Problem, simulator: str, tired: set[str]) -> dict[str, Call
         "forward mode": jax.jacfwd(cost),
         "one stochastic sample": lambda u: sample(jax.random.key(0), u),
     }
+    if simulator == "mjx":
+        methods["linear steps of C MuJoCo, all cores"] = jax.grad(objective(task, "mujoco"))
     runs = {name: compiled(method, u).run for name, method in methods.items() if name not in tired}
     if simulator == "mjx" and "differences of C MuJoCo, all cores" not in tired:
         steps = 1e-7 * np.concatenate([np.eye(u.size), -np.eye(u.size)]) + task.x0
