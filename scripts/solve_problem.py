@@ -26,7 +26,8 @@ from tog_mjx.drawing import viewing
 from tog_mjx.drawing.figures import draw_descents, draw_landscape
 from tog_mjx.drawing.figures.style import save_figure
 from tog_mjx.drawing.report.page import Picture, Section, Table, write_page
-from tog_mjx.engines import ENGINES, gradient_charge, precision
+from tog_mjx.engines import ENGINES, choose_engine, gradient_charge, precision
+from tog_mjx.engines.simulator import AUTO
 from tog_mjx.problems import Plane
 from tog_mjx.problems.library import LIBRARY, get_problem
 from tog_mjx.running.console import GRID_MOST, ArgumentParser, Work, run_main, within
@@ -60,6 +61,9 @@ def main() -> None:
     method = "saltation" if args.differentiation == "saltation" else "exact"
 
     work = Work(console)
+    if args.engine == AUTO:
+        args.engine = engine_of(problem, args, out / "descent.npz", work)
+        args.budget *= charge_of(args) / gradient_charge(AUTO, args.differentiation)  # As many updates on either.
     descent = descend(problem, args, out / "descent.npz", work)
     with atomic_write(out / "best.npy") as file:
         np.save(file, descent.best)
@@ -82,7 +86,8 @@ def main() -> None:
 def parse_arguments() -> argparse.Namespace:
     parser = ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("problem", help=f"file.py:function or package.module:function, or {', '.join(LIBRARY)}")
-    parser.add_argument("--engine", choices=list(ENGINES), default="mjx", help="default: %(default)s")
+    parser.add_argument("--engine", choices=[AUTO, *ENGINES], default=AUTO,
+                        help="default: %(default)s, the cheaper one of mjx and mujoco")  # fmt: skip
     parser.add_argument("--budget", type=within(float, 1, 1e9), default=1000, metavar="N",
                         help="evaluations of J; a gradient takes about 4 (default: %(default)s)")  # fmt: skip
     parser.add_argument("--differentiation", choices=list(DIFFERENTIATIONS), help="default: that of the engine")
@@ -100,6 +105,23 @@ def parse_arguments() -> argparse.Namespace:
 
 def options_of(args: argparse.Namespace) -> dict[str, Any]:
     return {"differentiation": args.differentiation} if args.differentiation else {}
+
+
+def charge_of(args: argparse.Namespace) -> float:
+    return gradient_charge(args.engine, args.differentiation)
+
+
+def engine_of(problem: tog.Problem, args: argparse.Namespace, path: Path, work: Work) -> str:
+    """That of the descent that is read again, or the cheaper one."""
+    if args.resume:
+        with contextlib.suppress(FileNotFoundError, DamagedFileError):
+            if (kept := str(load_descent(path)[1].get("engine"))) in ENGINES:
+                return kept
+    gradients = max(1, int(args.budget / gradient_charge(AUTO, args.differentiation)))
+    with work.console.status("the cheaper engine") if work.console.is_terminal else contextlib.nullcontext():
+        choice = choose_engine(problem, gradients, **options_of(args))
+    work.console.print(f"on {choice.engine}: {choice.reason}", markup=False)
+    return choice.engine
 
 
 def descend(problem: tog.Problem, args: argparse.Namespace, path: Path, work: Work) -> Descent:
@@ -123,7 +145,7 @@ def descend(problem: tog.Problem, args: argparse.Namespace, path: Path, work: Wo
                 work.console.print(
                     f"{path} is of another problem, or of other settings: descending again", markup=False
                 )
-        total = max(1, int(args.budget / gradient_charge(args.engine, args.differentiation)))
+        total = max(1, int(args.budget / charge_of(args)))
         with work.piece(f"descent on {problem.name}", total) as report:
             descent = tog.solve(problem, budget=args.budget, engine=args.engine, report=report, **options)
     save_descent(path, descent, settings)

@@ -24,7 +24,8 @@ from states import state_of_box
 from xdist.scheduler import LoadScopeScheduling
 
 from tog_mjx.engines import Simulator
-from tog_mjx.engines.objective import Motion, final_cost, trajectory
+from tog_mjx.engines.objective import final_cost, trajectory
+from tog_mjx.engines.program import Motion
 from tog_mjx.paper.tasks import Task, get_task
 from tog_mjx.running import console
 from tog_mjx.running.console import enable_compilation_cache

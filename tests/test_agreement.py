@@ -13,9 +13,9 @@ import pytest
 from conftest import positions
 
 from tog_mjx.engines import MjxSimulator, make_simulator, objective
-from tog_mjx.engines.objective import Motion
 from tog_mjx.engines.penalty import box_distance
 from tog_mjx.engines.plane import Plane
+from tog_mjx.engines.program import Motion
 from tog_mjx.mjcf.scene import Physics
 
 MEDIAN = 0.05e-3  # m

@@ -319,3 +319,14 @@ def test_options_second_derivatives_and_hidden_states_are_one_line():
     delayed.actuators[0].delay, delayed.actuators[0].nsample = 0.02, 5
     with pytest.raises(tog.InputError, match="no state for delays"):
         tog.objective(dataclasses.replace(problem, model=delayed.compile()), "mujoco")
+
+
+@pytest.mark.parametrize("checkpoint", [None, 5])
+def test_a_scene_without_actuators_falls_as_it_was_thrown(checkpoint):
+    """z = z0 + v T - g T (T + h) / 2 after semi-implicit steps of h: the slope in the speed is T."""
+    text = '<mujoco><option timestep="0.01"/><worldbody><body><freejoint/><geom size="0.1"/></body></worldbody></mujoco>'
+    model = mujoco.MjModel.from_xml_string(text)
+    problem = tog.Problem(model, STEPS, tog.Start("qvel"), cost=lambda last: last.qpos[2])
+    J = tog.objective(problem, "mujoco", checkpoint=checkpoint)
+    for gradient in in_both_modes(J, problem.x0 + 0.5):
+        np.testing.assert_allclose(gradient, [0, 0, STEPS * 0.01, 0, 0, 0], atol=1e-8)

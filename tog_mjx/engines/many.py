@@ -7,7 +7,8 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.engines.objective import Motion, objective
+from tog_mjx.engines.objective import objective
+from tog_mjx.engines.program import Motion
 from tog_mjx.engines.simulator import precision
 from tog_mjx.problems.problem import Problem
 from tog_mjx.running.batches import map_points

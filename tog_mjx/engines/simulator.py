@@ -49,6 +49,8 @@ class CMujoco:
     GRADIENT_CHARGE: ClassVar[float] = 20.0
 
 
+AUTO = "auto"
+"""In place of an engine's name: the cheaper one of "mjx" and "mujoco"."""
 ENGINES: Mapping[str, Any] = ChainMap({"mujoco": CMujoco}, SIMULATORS)
 """What moves a problem, by name: the simulators, and what moves any scene."""
 
@@ -71,7 +73,14 @@ def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
 
 
 def gradient_charge(name: str, differentiation: str | None = None) -> float:
-    """Evaluations of J that one gradient of this simulator counts as."""
+    """Evaluations of J that one gradient of this engine counts as. One that is still to be chosen counts as MJX: no
+    choice changes the number of updates.
+
+    Raises:
+      InputError: for an unknown engine, or a differentiation that it does not have.
+    """
+    name = "mjx" if name == AUTO else name
+    check_names(name, {"differentiation": differentiation} if differentiation else {})
     simulator = ENGINES[name]
     charge: float = simulator.SALTATION_CHARGE if differentiation == "saltation" else simulator.GRADIENT_CHARGE
     return charge
@@ -91,7 +100,7 @@ def precision(simulator: str, **options: str):
 def check_names(name: str, options: Mapping[str, str], among: Mapping[str, Any] = ENGINES) -> None:
     """Raises InputError for an unknown engine, option or value."""
     if name not in list(among):
-        raise InputError(f"engine {name!r} is unknown; choose from {', '.join(among)}")
+        raise InputError(f"engine {name!r} is unknown; choose from {', '.join([*among, *[AUTO] * (among is ENGINES)])}")
     choices = among[name].OPTIONS
     for option, value in options.items():
         if option not in choices:

@@ -24,8 +24,9 @@ import numpy as np
 import optax
 from jaxtyping import Array, Float
 
-from tog_mjx.engines import Objective, check_names, gradient_charge, objective, precision
+from tog_mjx.engines import Objective, choose_engine, gradient_charge, objective, precision
 from tog_mjx.engines.objective import older
+from tog_mjx.engines.simulator import AUTO
 from tog_mjx.gradients import common_starts, exact
 from tog_mjx.gradients.reversible import unless_refused
 from tog_mjx.problems.library import get_problem
@@ -65,11 +66,12 @@ def solve(
       guess: where to begin, a vector [n] or any pytree of arrays; in the record, setpoints and gradients are then such
         pytrees, each leaf with an axis of iterates before its own. Of a problem, its x [n]; the default is its own.
       budget: evaluations of J, of which a gradient takes `CHARGE`; of a problem, for each start, `GRADIENT_CHARGE` of
-        its simulator, or `SALTATION_CHARGE`.
+        its engine, or `SALTATION_CHARGE`; of "auto" those of MJX, whichever is chosen.
       reach: how far the answer may lie from the guess, in the units of the variables: all updates together can move
         each of them by twice as much, and where starts are drawn by as much. None: as far as a variable is from zero,
         and at least 1; of a problem, its `reach`.
-      engine: of a problem: "mjx" (if None), "mujoco", "penalty" or "released". `simulator` is its older name.
+      engine: of a problem: "mjx" (if None), "mujoco", "penalty" or "released", or "auto", see `tog.objective`.
+        `simulator` is its older name.
       differentiation: of a problem: which gradient to follow, an option of the simulator; None is its own, the
         derivative between two jumps of the motion. That succeeds at least as often on flip and grasp, with any number
         of knots: on the grasp with constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the
@@ -92,11 +94,14 @@ def solve(
         if engine or differentiation:
             raise InputError("engine and differentiation are a problem's; a function of your own has its own")
         return _descend(_function(problem, guess), budget, reach, report)
-    engine = engine or "mjx"
     problem = get_problem(problem)
-    check_names(engine, {})
+    engine = engine or "mjx"
+    charge = gradient_charge(engine, differentiation)
+    if engine == AUTO:
+        options = {"differentiation": differentiation} if differentiation else {}
+        engine = choose_engine(problem, max(1, int(budget / charge)), **options).engine
     with precision(engine) if problem.in_float64 else contextlib.nullcontext():
-        return _descend(_scene(problem, guess, engine, differentiation), budget, reach, report)
+        return _descend(_scene(problem, guess, engine, differentiation, charge), budget, reach, report)
 
 
 class _Given(NamedTuple):
@@ -124,12 +129,11 @@ def _function(function: Callable[[Any], Scalar], guess: Any) -> _Given:
     return _Given(name, number, given.point, np.maximum(np.abs(given.point), 1.0), CHARGE, restore=given.restore)
 
 
-def _scene(problem: Problem, guess: Any, engine: str, differentiation: str | None) -> _Given:
+def _scene(problem: Problem, guess: Any, engine: str, differentiation: str | None, charge: float) -> _Given:
     if isinstance(guess, Real):
         raise InputError(f"the guess is {guess}: give a vector; a budget is given by its name, budget={guess}")
     J = objective(problem, engine, **({"differentiation": differentiation} if differentiation else {}))
     x = jnp.clip(problem.check(problem.x0 if guess is None else guess), *problem.limits)
-    charge = gradient_charge(engine, differentiation)
     given = _Given(f"{problem.name} on {engine}", J, x, problem.reach, charge, limits=problem.limits)
     if isinstance(problem.start, Starts):
         return given._replace(draws=J, charge=charge * problem.start.count)

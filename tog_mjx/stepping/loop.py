@@ -61,7 +61,7 @@ def run_stretches(
         rows = jnp.broadcast_to(controls, (steps, controls.shape[-1]))
         if checkpoint is None:
             return advance(now, rows)
-        now, seen = jax.lax.scan(jax.checkpoint(advance), now, rows.reshape(-1, checkpoint, rows.shape[1]))
+        now, seen = jax.lax.scan(jax.checkpoint(advance), now, rows.reshape(steps // checkpoint, checkpoint, rows.shape[1]))
         return now, _joined(seen)
     law = controls
 
@@ -95,5 +95,5 @@ def _scan(advance: Callable, now: Now, rows: Array | None, steps: int, checkpoin
 
 
 def _joined(blocks: Any) -> Any:
-    """Arrays [N, n, ...] as [N * n, ...]."""
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), blocks)
+    """Arrays [N, n, ...] as [N * n, ...], also where they hold nothing."""
+    return jax.tree.map(lambda leaf: leaf.reshape(leaf.shape[0] * leaf.shape[1], *leaf.shape[2:]), blocks)

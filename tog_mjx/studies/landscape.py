@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.engines import ENGINES, objective, precision
+from tog_mjx.engines.choice import resolved
 from tog_mjx.gradients import exact_batch
 from tog_mjx.problems import Plane, Problem, Starts
 from tog_mjx.running.batches import map_kept, map_points
@@ -91,6 +92,7 @@ def _over(
 ) -> np.ndarray:
     """What `batched` makes of J, at all points."""
     motions = problem.start.count if isinstance(problem.start, Starts) else 1
+    engine = resolved(problem, engine, options)
     chunk = max(1, ENGINES[engine].CHUNK // motions)
     with precision(engine, **options):
         J = objective(problem, engine, **options)
