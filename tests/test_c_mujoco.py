@@ -2,94 +2,25 @@
 closed forms and differences of whole motions."""
 
 import dataclasses
-import subprocess
-import sys
 
 import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
+from c_mujoco_scenes import FLOOR, PLANAR, STEPS, bodies, by_hand, differences, floor, in_both_modes, somewhere, speeds
 
 import tog_mjx as tog
-from tog_mjx.engines.c_mujoco.forward import Forward
-from tog_mjx.engines.c_mujoco.linearise import slopes
-from tog_mjx.running.quiet import without_warnings
-from tog_mjx.stepping.mjx_state import copy_of
-
-# A free body that turns, a ball joint on a hinge, and an actuator with an activation; nothing touches.
-BODIES = """
-<mujoco model="bodies">
-  <option timestep="0.01" integrator="{integrator}"/>
-  <worldbody>
-    <body name="free" pos="0 0 1"><freejoint/><geom type="box" size="0.1 0.2 0.3" mass="1"/>
-      <site name="tip" pos="0.1 0 0.3"/></body>
-    <body pos="2 0 1"><joint name="hinge" axis="0 1 0" damping="0.1"/><geom size="0.05" pos="0.3 0 0" mass="0.5"/>
-      <body pos="0.6 0 0"><joint type="ball" stiffness="2" damping="0.05"/>
-        <geom type="capsule" fromto="0 0 0 0.1 0.2 0.3" size="0.04" mass="0.3"/></body></body>
-  </worldbody>
-  <actuator>
-    <motor site="tip" gear="1 0.5 0 0 0.3 0.2"/>
-    <general joint="hinge" dyntype="filter" dynprm="0.05" gainprm="2"/>
-  </actuator>
-</mujoco>"""
-# A ball that rolls on a floor, pressed into it, and pushed; `{options}` of the solver.
-FLOOR = """
-<mujoco model="floor">
-  <option timestep="0.005" {options}/>
-  <worldbody><geom type="plane" size="5 5 0.1" solref="0.05 1"/>
-    <body pos="0 0 0.099">{joints}<geom size="0.1" mass="1" solref="0.05 1"/></body>
-    {more}
-  </worldbody>
-  <actuator><motor joint="x"/><motor joint="z"/></actuator>
-</mujoco>"""
-PLANAR = """<joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/>
-<joint name="roll" axis="0 1 0"/>"""
-STEPS = 20
 
 
-def distance(last: tog.State) -> jax.Array:
-    return jnp.sum((last.qpos - 0.3) ** 2) + jnp.sum(last.qvel * jnp.arange(last.qvel.size)) + last.act.sum()
-
-
-def speeds(state: tog.State) -> jax.Array:
-    return state.qvel @ state.qvel + state.ctrl @ state.ctrl * state.time
-
-
-@pytest.fixture(scope="module")
-def bodies() -> tog.Problem:
-    model = mujoco.MjModel.from_xml_string(BODIES.format(integrator="implicitfast"))
-    kinds = [tog.Controls(knots=3), tog.Start("qpos"), tog.Start("qvel"), tog.Start("act")]
-    return tog.Problem(model, STEPS, kinds, cost=distance, running_cost=speeds)
+@pytest.fixture(scope="module", name="bodies")
+def _bodies() -> tog.Problem:
+    return bodies()
 
 
 @pytest.fixture(scope="module")
 def x(bodies) -> np.ndarray:
-    return np.random.default_rng(0).normal(size=len(bodies.x0)) * 0.5
-
-
-def floor(options: str = "", joints: str = PLANAR, more: str = "", **of) -> tog.Problem:
-    model = mujoco.MjModel.from_xml_string(FLOOR.format(options=options, joints=joints, more=more))
-    return tog.Problem(model, **{"steps": STEPS, "variables": tog.Controls(2), "cost": distance, **of})
-
-
-def by_hand(problem: tog.Problem, start: dict, controls) -> mujoco.MjData:
-    """The data after a loop over `mj_step` under `controls(data, step)`."""
-    data = copy_of(problem.scene.model, problem.origin, **start)
-    for step in range(problem.steps):
-        data.ctrl[:] = controls(data, step)
-        mujoco.mj_step(problem.scene.model, data)
-    return data
-
-
-def differences(J, x: np.ndarray, step: float = 1e-5) -> np.ndarray:
-    """The gradient, by central differences of whole motions, all at once."""
-    ahead, behind = (jax.vmap(J)(jnp.asarray(x + sign * step * np.eye(len(x)))) for sign in (1, -1))
-    return np.asarray(ahead - behind) / (2 * step)
-
-
-def in_both_modes(J, x) -> tuple[np.ndarray, np.ndarray]:
-    return np.asarray(jax.jit(jax.grad(J))(jnp.asarray(x))), np.asarray(jax.jit(jax.jacfwd(J))(jnp.asarray(x)))
+    return somewhere(bodies)
 
 
 def test_a_motion_is_that_of_a_loop_over_mj_step(bodies, x):
@@ -178,115 +109,6 @@ def test_a_difference_that_crosses_a_touch_is_not_taken(height):
         np.testing.assert_allclose(gradient, [1, 0.005], rtol=1e-7)
 
 
-def test_many_motions_are_those_of_one_and_no_call_leaves_anything_to_the_next(bodies, x):
-    """To the bit, also after a motion that burst, and for any number of threads."""
-    points = jnp.asarray(x + np.random.default_rng(2).normal(size=(5, len(x))) * 0.3)
-
-    def ends(x):
-        motion = tog.rollout(bodies, x, "mujoco")
-        return jnp.concatenate([motion.qpos[-1], motion.qvel[-1]])
-
-    together, slopes_together = jax.vmap(ends)(points), jax.vmap(jax.jacfwd(ends))(points)
-    with without_warnings():
-        assert np.isnan(ends(points[0] * 1e8)).all()
-    one_by_one = [ends(point) for point in points]
-    np.testing.assert_array_equal(together, one_by_one)
-    assert len({row.tobytes() for row in np.asarray(together)}) == len(points)
-    for point, slope in zip(points, slopes_together, strict=True):
-        # The last bit of a start, which is computed otherwise for many, divided by the step of a difference.
-        np.testing.assert_allclose(jax.jacfwd(ends)(point), slope, atol=1e-8)
-
-
-def test_neither_the_number_of_threads_nor_what_ran_before_changes_a_bit(bodies):
-    """Of motions and their derivatives, some of which burst."""
-    model, rng = bodies.scene.model, np.random.default_rng(3)
-    forwards = [Forward(model, bodies.origin, threads) for threads in (1, 3)]
-    many = rng.normal(size=(7, STEPS, 2)), np.tile(forwards[0].start, (7, 1))
-    many[1][:, 1 + model.nq :] += rng.normal(size=(7, forwards[0].start.size - 1 - model.nq))
-    many[1][3, 1 + model.nq] = 1e12
-
-    def run(forward: Forward, some: slice) -> list[np.ndarray]:
-        controls, start = (part[some] for part in many)
-        after = forward.motions(start, controls)
-        before = np.concatenate([start[:, None], after[:, :-1]], axis=1)
-        rows = (part.reshape(-1, part.shape[-1]) for part in (before, after, controls))
-        return [after, *(part.reshape(len(start), STEPS, *part.shape[1:]) for part in slopes(forward, *rows))]
-
-    with without_warnings():
-        expected = run(forwards[0], slice(None))
-        assert [np.isnan(motion).any() for motion in expected[0]] == [i == 3 for i in range(7)]
-        for forward in forwards:
-            for some in (slice(2, 4), slice(None), slice(4, 5)):
-                for found, of_all in zip(run(forward, some), expected, strict=True):
-                    np.testing.assert_array_equal(found, of_all[some])
-
-
-def test_starts_descents_landscapes_and_single_precision():
-    def sample(key):
-        return {"qvel": jax.random.normal(key, [3]) * 0.1}
-
-    problem = floor(start=tog.Starts(sample, 4), variables=tog.Controls())
-    J, key, x = tog.objective(problem, "mujoco"), jax.random.key(1), jnp.array([0.3, -0.1])
-    costs = J.each(x, key)
-    motions = J.motion(x, key)
-    for cost, qpos, qvel in zip(costs, motions.qpos, motions.qvel, strict=True):
-        data = by_hand(problem, {"qvel": qvel[0]}, lambda *_: np.asarray(x))
-        np.testing.assert_allclose(qpos[-1], data.qpos, rtol=1e-12, atol=1e-14)
-        np.testing.assert_allclose(cost, ((data.qpos - 0.3) ** 2).sum() + data.qvel @ np.arange(3), rtol=1e-12)
-    single = dataclasses.replace(problem, start=None)
-    J = tog.objective(single, "mujoco")
-    found = tog.solve(single, engine="mujoco", budget=400)
-    assert J(found.best) < J(single.x0) - 0.1
-    seen = tog.landscape(single, "mujoco", size=3)
-    np.testing.assert_allclose(seen.costs.ravel(), [J(point) for point in seen.points], rtol=1e-12)
-    expected = jax.grad(J)(x)
-    with jax.enable_x64(False):
-        gradient = jax.grad(tog.objective(single, "mujoco"))(jnp.asarray(np.asarray(x), jnp.float32))
-    assert gradient.dtype == jnp.float32
-    np.testing.assert_allclose(gradient, expected, rtol=1e-3)
-
-
-def test_float64_of_one_thread_is_enough(x, bodies):
-    """As `tog.solve("flip")` and landscapes have it: a callback runs in another thread."""
-    J = tog.objective(bodies, "mujoco")
-    expected = jax.grad(J)(jnp.asarray(x))
-    jax.config.update("jax_enable_x64", False)
-    try:
-        with jax.enable_x64(True):
-            gradient = jax.jit(jax.grad(J))(jnp.asarray(x))
-    finally:
-        jax.config.update("jax_enable_x64", True)
-    assert gradient.dtype == jnp.float64
-    np.testing.assert_allclose(gradient, expected, atol=1e-7)
-
-
-DEVICES = """
-import os, jax, numpy as np
-jax.config.update("jax_num_cpu_devices", os.cpu_count())
-import tog_mjx as tog
-from tog_mjx.running.devices import over_devices
-flip = tog.get_task("flip")
-with jax.enable_x64(True):
-    points = np.tile(flip.x0, (8 * jax.device_count(), 1))
-    slopes = over_devices(jax.vmap(jax.grad(tog.objective(flip, "mujoco"))))(points)
-assert np.ptp(slopes, axis=0).max() < 1e-9 * np.abs(slopes).max()
-"""
-
-
-def test_all_devices_at_once_wait_for_none():
-    """Each core a device, and each in a callback with arguments that JAX would copy on a thread of its own."""
-    subprocess.run([sys.executable, "-c", DEVICES], check=True, timeout=100)
-
-
-def test_where_bodies_and_sites_are_is_known_as_far_as_mjx_knows_it(bodies, x):
-    problem = dataclasses.replace(bodies, cost=lambda last: last.site("tip") @ jnp.arange(3.0), running_cost=None)
-    J = tog.objective(problem, "mujoco")
-    motion = tog.rollout(problem, x, "mujoco")
-    data = copy_of(problem.scene.model, problem.origin, qpos=motion.qpos[-1])
-    mujoco.mj_kinematics(problem.scene.model, data)
-    np.testing.assert_allclose(J(x), data.site("tip").xpos @ np.arange(3), rtol=1e-12)
-
-
 MOCAP = '<body name="hand" mocap="true" pos="1 1 1"/>'
 
 
@@ -296,7 +118,6 @@ MOCAP = '<body name="hand" mocap="true" pos="1 1 1"/>'
         ({"variables": tog.Parameters("body_mass[1]")}, "engine mujoco .* variables move none; take mjx"),
         ({"variables": tog.Start("mocap_pos"), "more": MOCAP}, "moves qpos, qvel and act .* take mjx"),
         ({"cost": lambda last: last.data.qacc.sum()}, "no mjx.Data.* engine mjx"),
-        ({"cost": lambda last: last.body("hand")[0], "more": MOCAP, "options": 'solver="PGS"'}, "MJX does not support"),
         ({"options": 'integrator="RK4"'}, "no derivative of .*RK4.* or take engine mjx"),
     ],
 )
