@@ -10,10 +10,7 @@ import numpy as np
 
 from tog_mjx.mjcf.scene import Physics
 from tog_mjx.problems import Problem, State
-
-
-def _none():
-    raise NotImplementedError
+from tog_mjx.problems.state import Derived
 
 
 def state_of_box(task: Problem, box: Any) -> State:
@@ -22,7 +19,7 @@ def state_of_box(task: Problem, box: Any) -> State:
     qpos, qvel = np.zeros(task.scene.model.nq), np.zeros(task.scene.model.nv)
     qpos[joints], qvel[joints] = box[:3], box[3:]
     time, positions, speeds, none = (jnp.asarray(some) for some in (0.0, qpos, qvel, qpos[:0]))
-    return State(time, positions, speeds, none, none, task.scene.model, _none, _none)
+    return State(time, positions, speeds, none, none, task.scene.model, Derived("only the box's joints are known"))
 
 
 KINDS = ("free", "sticking", "sliding", "parting")

@@ -9,7 +9,6 @@ The model is an argument, so that variables can move it.
 """
 
 import abc
-import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -21,6 +20,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.engines.c_mujoco.forward import Forward, check_state
+from tog_mjx.engines.c_mujoco.observe import Observed
 from tog_mjx.engines.c_mujoco.sweep import motion
 from tog_mjx.engines.simulator import Simulator, check_names, make_simulator
 from tog_mjx.mjcf.scene import Scene
@@ -29,7 +29,7 @@ from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.state import State
 from tog_mjx.running.errors import InputError
 from tog_mjx.stepping import loop
-from tog_mjx.stepping._mjx import make_data, mjx, put_model
+from tog_mjx.stepping._mjx import mjx, put_model
 from tog_mjx.stepping.complete import completed
 from tog_mjx.stepping.implicit import STEPS
 from tog_mjx.stepping.mjx_state import MOCAP, START, on_mjx, state_of
@@ -123,8 +123,7 @@ class OnPlane(Engine):
 
 @dataclass(frozen=True, eq=False)
 class OnMujoco(Engine):
-    """Any scene, on C MuJoCo; its model is MuJoCo's. Where the scene is one of MJX's too, MJX says where its bodies and
-    sites are."""
+    """Any scene, on C MuJoCo; its model is MuJoCo's."""
 
     forward: Forward
 
@@ -140,19 +139,7 @@ class OnMujoco(Engine):
 
     def state(self, model: Any, carry: Array, ctrl: Controls) -> State:
         time, qpos, qvel, act, _ = jnp.split(carry, self.forward.ends)
-
-        def poses() -> mjx.Data:
-            on_mjx, data = self._on_mjx
-            return mjx.kinematics(on_mjx, data.replace(qpos=qpos))
-
-        return State(time[0], qpos, qvel, act, ctrl, model, poses, _no_forces)
-
-    @functools.cached_property
-    def _on_mjx(self) -> tuple[mjx.Model, mjx.Data]:
-        check_supported(self.scene.model, self.scene.name)
-        with jax.ensure_compile_time_eval():
-            model = put_model(self.scene.model)
-            return model, make_data(model).replace(**{name: getattr(self.origin, name) for name in MOCAP})
+        return State(time[0], qpos, qvel, act, ctrl, model, Observed(self.forward, carry, ctrl))
 
     def run(
         self,

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx.gradients.differences import Differences, halvings, settled_differences
 from tog_mjx.problems.problem import Problem
-from tog_mjx.problems.state import State
+from tog_mjx.problems.state import Derived, State
 from tog_mjx.running.devices import cores
 from tog_mjx.running.errors import InputError
 
@@ -19,6 +19,7 @@ STEPS = halvings(1e-6, 9)
 """Of setpoints, in m: beyond the first a jump of the cost is often in between, before the last rounding shows."""
 SETTLED = 1e-4
 """The largest relative change at the last halving with which a gradient counts as known."""
+_NOTHING = Derived("the reference knows positions, velocities and activations alone")
 
 
 def final_costs(problem: Problem, points: Float[np.ndarray, "N n"], threads: int | None = None) -> np.ndarray:
@@ -44,11 +45,7 @@ def final_costs(problem: Problem, points: Float[np.ndarray, "N n"], threads: int
 def _state(model: mujoco.MjModel, numbers: Float[Array, " s"]) -> State:
     """The State behind MuJoCo's vector of a full state."""
     time, qpos, qvel, act = jnp.split(numbers, np.cumsum([1, model.nq, model.nv]))
-    return State(time[0], qpos, qvel, act[: model.na], jnp.zeros(model.nu), model, _nothing, _nothing)
-
-
-def _nothing():
-    raise InputError("the reference knows positions, velocities and activations alone")
+    return State(time[0], qpos, qvel, act[: model.na], jnp.zeros(model.nu), model, _NOTHING)
 
 
 def gradients(problem: Problem, points: Float[np.ndarray, "N n"], chunk: int = 25) -> Iterator[Differences]:

@@ -67,13 +67,16 @@ class Outputs:
         Raises:
           InputError: for a cost that fails, or whose value is no number.
         """
-        state = State.at(self.model, model, data, self.differentiation)
+        return self.seen(State.at(self.model, model, data, self.differentiation))
+
+    def seen(self, state: State) -> Float[Array, " m"]:
+        """y of a State of any engine; errors are those of `observe`."""
         if not isinstance(self.output, str):
             return number(f"the cost {self.names[0]}", self.output, state.data)[None].astype(float)
         kind, name = self._source
         match kind:
             case "acc":
-                every = state.data.qacc
+                every = state.qacc
             case "sensor":
                 every = state.sensor(name)
             case "site":

@@ -13,6 +13,63 @@ from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.complete import complete
 
 
+class Derived:
+    """What follows from a moment, as far as an engine knows it: here nothing, as it says."""
+
+    def __init__(self, unknown: str):
+        self._unknown = unknown
+
+    def site(self, number: int) -> Float[Array, "3"]:
+        del number
+        raise InputError(self._unknown)
+
+    def body(self, number: int) -> Float[Array, "3"]:
+        del number
+        raise InputError(self._unknown)
+
+    def sensors(self, stage: int) -> Float[Array, " ns"]:
+        """All sensordata, of which those may be missing that need a later `mujoco.mjtStage`."""
+        del stage
+        raise InputError(self._unknown)
+
+    @property
+    def qacc(self) -> Float[Array, " nv"]:
+        raise InputError(self._unknown)
+
+    @property
+    def data(self) -> mjx.Data:
+        raise InputError(self._unknown)
+
+
+class OfMjx(Derived):
+    """What MJX computes: poses, and all else where it moves the problem too."""
+
+    def __init__(self, poses: Callable[[], mjx.Data], everything: Callable[[], mjx.Data]):
+        self._place, self._complete = poses, everything
+
+    def site(self, number: int) -> Float[Array, "3"]:
+        return self._poses.site_xpos[number]
+
+    def body(self, number: int) -> Float[Array, "3"]:
+        return self._poses.xpos[number]
+
+    def sensors(self, stage: int) -> Float[Array, " ns"]:
+        del stage
+        return self.data.sensordata
+
+    @property
+    def qacc(self) -> Float[Array, " nv"]:
+        return self.data.qacc
+
+    @functools.cached_property
+    def data(self) -> mjx.Data:
+        return self._complete()
+
+    @functools.cached_property
+    def _poses(self) -> mjx.Data:
+        return self._place()
+
+
 @dataclass(frozen=True, eq=False)
 class State:
     """A moment of a motion. What is derived from it is computed where it is asked for, and else costs nothing.
@@ -28,39 +85,43 @@ class State:
     act: Float[Array, " na"]
     ctrl: Float[Array, " nu"]
     _names: mujoco.MjModel
-    _poses: Callable[[], mjx.Data]
-    _all: Callable[[], mjx.Data]
+    _derived: Derived
 
     @classmethod
-    def of(cls, names: mujoco.MjModel, data: mjx.Data, poses: Callable, all_: Callable) -> "State":
-        """That in `data`, of a model with those names; `poses` and `all_` give what follows from it."""
-        return cls(data.time, data.qpos, data.qvel, data.act, data.ctrl, names, poses, all_)
+    def of(cls, names: mujoco.MjModel, data: mjx.Data, poses: Callable, everything: Callable) -> "State":
+        """That in `data`, of a model with those names; `poses` and `everything` give data with what follows from it."""
+        return cls(data.time, data.qpos, data.qvel, data.act, data.ctrl, names, OfMjx(poses, everything))
 
     @classmethod
     def at(cls, names: mujoco.MjModel, model: mjx.Model, data: mjx.Data, differentiation: str) -> "State":
         """That in `data`; all else is computed from it, by MJX."""
-        poses, all_ = lambda: mjx.kinematics(model, data), lambda: complete(model, data, differentiation)
-        return cls.of(names, data, poses, all_)
+        poses, everything = lambda: mjx.kinematics(model, data), lambda: complete(model, data, differentiation)
+        return cls.of(names, data, poses, everything)
 
-    @functools.cached_property
+    @property
     def data(self) -> mjx.Data:
         """All of `mjx.Data`, of this moment: poses, contacts, forces, accelerations, sensors.
 
         Raises:
           InputError: on an engine whose forces are not MJX's.
         """
-        return self._all()
+        return self._derived.data
+
+    @property
+    def qacc(self) -> Float[Array, " nv"]:
+        """The accelerations under the controls in force."""
+        return self._derived.qacc
 
     @property
     def sensordata(self) -> Float[Array, " ns"]:
         """All sensors, in the order of the model; `sensor` gives one by its name."""
-        return self.data.sensordata
+        return self._derived.sensors(int(mujoco.mjtStage.mjSTAGE_ACC))
 
     def sensor(self, name: str) -> Float[Array, " k"]:
         """The numbers of one sensor."""
         i = self._number(mujoco.mjtObj.mjOBJ_SENSOR, "sensor", name)
         first = self._names.sensor_adr[i]
-        return self.sensordata[first : first + self._names.sensor_dim[i]]
+        return self._derived.sensors(int(self._names.sensor_needstage[i]))[first : first + self._names.sensor_dim[i]]
 
     def joint(self, name: str) -> Float[Array, "*k"]:
         """A joint's position: a number of a slide (m) or a hinge (rad), [4] of a ball, [7] of a free one."""
@@ -77,15 +138,11 @@ class State:
 
     def site(self, name: str) -> Float[Array, "3"]:
         """Where a site is, in m."""
-        return self._posed.site_xpos[self._number(mujoco.mjtObj.mjOBJ_SITE, "site", name)]
+        return self._derived.site(self._number(mujoco.mjtObj.mjOBJ_SITE, "site", name))
 
     def body(self, name: str) -> Float[Array, "3"]:
         """Where a body's frame is, in m."""
-        return self._posed.xpos[self._number(mujoco.mjtObj.mjOBJ_BODY, "body", name)]
-
-    @functools.cached_property
-    def _posed(self) -> mjx.Data:
-        return self._poses()
+        return self._derived.body(self._number(mujoco.mjtObj.mjOBJ_BODY, "body", name))
 
     def _number(self, kind: mujoco.mjtObj, what: str, name: str) -> int:
         found = mujoco.mj_name2id(self._names, kind, name)

@@ -6,6 +6,7 @@ smaller step, and if they are still apart the side counts that changes less with
 """
 
 import functools
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ is 1e-14 / STEP of what has gone through a converged solver (flip), and by STEP^
 APART = 1e-3
 """The difference of the two, relative to the flatter one and at least to 1, from which on something lies in between: of
 what is smooth it is STEP times a second derivative."""
+NO_SECOND = "engine mujoco has first derivatives only; take engine mjx for second ones"
 
 
 class Slopes(NamedTuple):
@@ -48,13 +50,9 @@ def slopes(
     burst are NaN."""
     model, (_, q, *_) = forward.model, forward.ends
     n = 2 * model.nv + model.na
-    both = np.full((2, len(before), n, n + model.nu), np.nan)
+    slope = np.full((len(before), n, n + model.nu), np.nan)
     usable = np.flatnonzero(np.isfinite(after).all(1) & np.isfinite(before).all(1))
-    both[:, usable] = _one_sided(forward, before[usable], controls[usable], STEP)
-    again = usable[_apart(both[:, usable]).any(1)]
-    coarse, fine = both[:, again], _one_sided(forward, before[again], controls[again], FINE)
-    slope = both.mean(0)
-    slope[again] = np.where(_apart(coarse)[:, None], _settled(coarse, fine), slope[again])
+    slope[usable] = centred(lambda some, step: _one_sided(forward, before[some], controls[some], step), usable)
     found = Slopes(slope[..., :n], slope[..., n:])
     if model.nq == model.nv:
         return found
@@ -67,19 +65,36 @@ def _one_sided(forward: Forward, states: np.ndarray, controls: np.ndarray, step:
     n = 2 * model.nv + model.na
     of_state, of_controls = np.empty((2, count, n, n)), np.zeros((2, count, n, model.nu))
 
+    def one(data: mujoco.MjData, i: int) -> None:
+        for side, length in enumerate((step, -step)):
+            mujoco.mj_setState(model, data, states[i], STATE)
+            data.ctrl[:] = controls[i]
+            mujoco.mjd_transitionFD(model, data, length, False, of_state[side, i], of_controls[side, i], None, None)
+
+    for_each(forward, count, one)
+    return np.concatenate([of_state, of_controls], axis=3)
+
+
+def for_each(forward: Forward, count: int, one: Callable[[mujoco.MjData, int], None]) -> None:
+    """`one(data, number)` of so many members, on all cores."""
+
     def some(numbers: np.ndarray) -> None:
         data = forward.data()
-        for i in numbers:
-            for side, length in enumerate((step, -step)):
-                mujoco.mj_setState(model, data, states[i], STATE)
-                data.ctrl[:] = controls[i]
-                of = of_state[side, i], of_controls[side, i]
-                mujoco.mjd_transitionFD(model, data, length, False, *of, None, None)
+        for i in numbers.tolist():
+            one(data, i)
         forward.spare.append(data)
 
     parts = [part for part in np.array_split(np.arange(count), forward.threads) if len(part)]
     list((_pool().map if len(parts) > 1 else map)(some, parts))
-    return np.concatenate([of_state, of_controls], axis=3)
+
+
+def centred(one_sided: Callable[[np.ndarray, float], np.ndarray], members: np.ndarray) -> np.ndarray:
+    """Derivatives [N, n, m] of these members, from differences of a length ahead and behind, [2, N, n, m]."""
+    both = one_sided(members, STEP)
+    slope, again = both.mean(0), _apart(both).any(1)
+    coarse, fine = both[:, again], one_sided(members[again], FINE)
+    slope[again] = np.where(_apart(coarse)[:, None], _settled(coarse, fine), slope[again])
+    return slope
 
 
 def _apart(both: Float[np.ndarray, "2 N n m"]) -> np.ndarray:
@@ -98,13 +113,22 @@ def _settled(coarse: Float[np.ndarray, "2 N n m"], fine: Float[np.ndarray, "2 N 
 def _in_positions(model: mujoco.MjModel, before: np.ndarray, after: np.ndarray, found: Slopes) -> Slopes:
     """From velocity space, where a rotation has three numbers, to positions, where it has four."""
     nv = model.nv
-    into, out_of = velocity_basis(model, before), position_basis(model, after)
+    out_of = position_basis(model, after)
 
     def rows(matrix: np.ndarray) -> np.ndarray:
         return np.concatenate([out_of @ matrix[:, :nv], matrix[:, nv:]], axis=1)
 
-    columns = np.concatenate([found.state[..., :nv] @ into, found.state[..., nv:]], axis=2)
-    return Slopes(rows(columns), rows(found.controls))
+    return Slopes(rows(columns_in_positions(model, before, found.state)), rows(found.controls))
+
+
+def columns_in_positions(
+    model: mujoco.MjModel, qpos: Float[np.ndarray, "N nq"], matrix: Float[np.ndarray, "N m k"]
+) -> np.ndarray:
+    """Derivatives in qpos and what follows, of those in velocity space and what follows."""
+    if model.nq == model.nv:
+        return matrix
+    nv = model.nv
+    return np.concatenate([matrix[..., :nv] @ velocity_basis(model, qpos), matrix[..., nv:]], axis=2)
 
 
 def check_differences(model: mujoco.MjModel) -> None:

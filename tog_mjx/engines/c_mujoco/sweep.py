@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx.engines.c_mujoco import outside
 from tog_mjx.engines.c_mujoco.forward import Forward
-from tog_mjx.engines.c_mujoco.linearise import check_differences, slopes
+from tog_mjx.engines.c_mujoco.linearise import NO_SECOND, check_differences, slopes
 from tog_mjx.running.errors import InputError
 
 
@@ -67,4 +67,4 @@ def _linearised(
 @_linearised.defjvp
 def _(forward: Forward, primals: Any, tangents: Any) -> Any:
     del forward, primals, tangents
-    raise InputError("engine mujoco has first derivatives only; take engine mjx for second ones")
+    raise InputError(NO_SECOND)
