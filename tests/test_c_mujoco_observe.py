@@ -18,7 +18,6 @@ from tog_mjx.engines.c_mujoco import moment
 from tog_mjx.engines.c_mujoco.forward import STATE, Forward
 from tog_mjx.engines.engine import make_engine
 from tog_mjx.problems.outputs import Outputs
-from tog_mjx.running.quiet import without_warnings
 from tog_mjx.stepping.mjx_state import MOVING, START, copy_of
 
 # A turned block that slides on a floor, with an arm whose actuator has an activation, and one whose control is limited.
@@ -173,12 +172,19 @@ def test_only_what_is_asked_for_is_computed_and_nothing_is_left_of_it(monkeypatc
     np.testing.assert_array_equal(see(jnp.asarray(states[0, 1:17]), CTRL), 0.7 + 0.3)
 
 
-def test_after_a_burst_nothing_is_seen():
-    J = tog.objective(refused(cost=lambda last: last.site("tip")[0] + last.qacc[0] + last.sensor("felt")[0]), "mujoco")
-    with without_warnings():
-        value, slope = jax.value_and_grad(J)(jnp.full(4, 1e12))
-    assert np.isnan(value)
-    assert np.isnan(slope).all()
+def test_after_a_burst_nothing_is_seen_and_nothing_left_behind(tmp_path, monkeypatch, capfd):
+    """Of its positions, of a control that is no number, or of accelerations, then again: no warning, and no file."""
+    monkeypatch.chdir(tmp_path)
+    variables = [tog.Controls(2), tog.Start("qvel[6]")]
+    see = {"cost": lambda last: last.site("tip")[0] + last.qacc[0] + last.sensor("felt")[0]}
+    J = tog.objective(refused(variables=variables, **see), "mujoco")
+    for x in (np.full(5, 1e9), np.array([0, 0, 1e12, 1e12, 0]), np.array([0, 0, 0, 0, 1e12]), np.full(5, 1e8)):
+        value, slope = jax.value_and_grad(J)(jnp.asarray(x))
+        assert np.isnan(value)
+        assert np.isnan(slope).all()
+    assert np.isfinite(J(np.zeros(5)))
+    assert "".join(capfd.readouterr()) == ""
+    assert not list(tmp_path.iterdir())
 
 
 def test_what_is_not_seen_is_one_line():

@@ -4,6 +4,7 @@ A state is MuJoCo's own vector s [1 + nq + nv + na + nv]: time, qpos, qvel, act,
 else that a step reads is an input, and stays as the problem's start has it.
 """
 
+import copy
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable
@@ -25,6 +26,7 @@ STATE = sum(
     for part in (_PART.mjSTATE_TIME, _PART.mjSTATE_QPOS, _PART.mjSTATE_QVEL, _PART.mjSTATE_ACT, _PART.mjSTATE_WARMSTART)
 )
 WHOLE = int(_PART.mjSTATE_INTEGRATION)
+WARNED = 1
 _HIDDEN = {
     "delays": _PART.mjSTATE_HISTORY,
     "user data": _PART.mjSTATE_USERDATA,
@@ -35,10 +37,15 @@ _HIDDEN = {
 
 
 class Forward:
-    """The motions of a model under the inputs of a start. Any number of threads may call it at once."""
+    """The motions of a model under the inputs of a start. Any number of threads may call it at once.
+
+    MuJoCo prints a warning, and writes it to a file in the working folder, if it is the first of its kind: here each
+    counts as the second one. A model that began anew after a burst would forget that; this copy goes on.
+    """
 
     def __init__(self, model: mujoco.MjModel, origin: mujoco.MjData, threads: int | None = None):
-        self.model, self.threads = model, threads or cores()
+        self.model, self.threads = copy.copy(model), threads or cores()
+        self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.whole, self.start = (np.zeros(mujoco.mj_stateSize(model, spec)) for spec in (WHOLE, STATE))
         mujoco.mj_getState(model, origin, self.whole, WHOLE)
         mujoco.mj_getState(model, origin, self.start, STATE)
@@ -59,19 +66,25 @@ class Forward:
         batch = _taken(idle, lambda: mujoco.batch.Batch(self.model, count, min(self.threads, count)))
         batch.state[:] = self.whole
         batch.state[:, : states.shape[1]] = states
-        batch.warning[:] = 0
+        batch.warning[:] = WARNED
         found: np.ndarray = batch.rollout(steps, controls, record=(STATE,))[STATE]
-        burst = batch.warning[..., 1].any(1)
+        burst = (batch.warning[..., 1] > WARNED).any(1)
         idle.append(batch)
         for i in np.flatnonzero(burst):
-            # Its steps after the last one repeat that one, in which MuJoCo has begun anew.
+            # Its steps after the last one repeat that one, in which MuJoCo warned.
             found[i, np.argmax(found[i, :, 0] == found[i, -1, 0]) :] = np.nan
         return found
 
     def data(self) -> mujoco.MjData:
         """Data that nobody uses, with the inputs; put them into `spare` afterwards."""
-        data = _taken(self.spare, lambda: mujoco.MjData(self.model))
+        data = _taken(self.spare, self._new_data)
         mujoco.mj_setState(self.model, data, self.whole, WHOLE)
+        return data
+
+    def _new_data(self) -> mujoco.MjData:
+        data = mujoco.MjData(self.model)
+        for kind in data.warning:
+            kind.number = WARNED
         return data
 
 
