@@ -84,6 +84,11 @@ CTRL = np.array([0.2, 0.4])
 """The second is at its limit."""
 
 
+def given(forward: Forward) -> tuple[np.ndarray, np.ndarray]:
+    """The controls and what is held of two moments."""
+    return np.tile(CTRL, (2, 1)), np.tile(forward.row, (2, 1))
+
+
 def test_all_that_is_seen_is_what_mjx_sees():
     """Also as the outputs of a verdict, of the State of either engine."""
     problem = arm()
@@ -104,9 +109,8 @@ def test_slopes_of_sensors_are_those_of_mujoco(integrator):
     """Which has them for Euler: what a moment shows does not depend on how a step goes on from it."""
     problem, euler = arm(integrator), arm().scene.model
     states, data = moments(problem), copy_of(euler, arm().origin)
-    found = moment.Dynamics(Forward(problem.scene.model, problem.origin), moment.ACC).slopes(
-        states, np.tile(CTRL, (2, 1))
-    )
+    forward = Forward(problem.scene.model, problem.origin)
+    found = moment.Dynamics(forward, moment.ACC).slopes(states, *given(forward))
     for state, slopes in zip(states, found, strict=True):
         mujoco.mj_setState(euler, data, state, STATE)
         data.ctrl[:] = CTRL
@@ -147,14 +151,35 @@ def test_costs_of_what_is_seen_have_the_slopes_of_whole_motions():
     np.testing.assert_allclose(found, by_name(data), rtol=1e-10)
 
 
+def test_what_is_seen_follows_what_is_held():
+    """On a model that MJX refuses: parameters and mocap poses move places and sensors, at each step and at the last."""
+
+    def running(state: tog.State) -> jax.Array:
+        return jnp.tanh(state.sensordata).sum() + state.site("tip")[2] + state.qacc[-1]
+
+    def last(state: tog.State) -> jax.Array:
+        return state.site("tip") @ state.body("hand") + state.sensor("felt")[0] + state.site("top")[0]
+
+    parameters = tog.Parameters("body_pos[2]", "site_pos[0, 1]", "body_mass[2]", "opt.gravity[2]")
+    variables = [parameters, tog.Start("mocap_pos"), tog.Start("mocap_quat"), tog.Controls()]
+    problem = refused(variables=variables, cost=last, running_cost=running)
+    J, x = tog.objective(problem, "mujoco"), problem.x0 + 0.03
+    expected, names = differences(J, x, 1e-6), np.array(problem.bound.names)
+    # Where a mocap body is turned is seen by nobody.
+    moving = np.array([not name.startswith("mocap_quat") for name in names])
+    assert np.abs(expected[moving]).min() > 1e-4
+    for gradient in in_both_modes(J, x):
+        np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-5)
+
+
 def test_only_what_is_asked_for_is_computed_and_nothing_is_left_of_it(monkeypatch):
     """A sensor of positions or velocities needs no solver; and where it was computed before, what it needs not is
     not shown."""
     forward = Forward((problem := arm()).scene.model, problem.origin)
     states, model = moments(problem), forward.model
     numbers = {stage: moment.Dynamics(forward, stage) for stage in (moment.POS, moment.VEL, moment.ACC)}
-    every = numbers[moment.ACC].values(states, np.tile(CTRL, (2, 1)))
-    slopes = numbers[moment.ACC].slopes(states, np.tile(CTRL, (2, 1)))
+    every = numbers[moment.ACC].values(states, *given(forward))
+    slopes = numbers[moment.ACC].slopes(states, *given(forward))
 
     def fail(*_):
         raise AssertionError
@@ -164,9 +189,9 @@ def test_only_what_is_asked_for_is_computed_and_nothing_is_left_of_it(monkeypatc
         some = np.repeat(model.sensor_needstage <= stage, model.sensor_dim)
         assert 0 < some.sum() < some.size
         np.testing.assert_array_equal(
-            numbers[stage].values(states, np.tile(CTRL, (2, 1))), np.where(some, every, 0), strict=True
+            numbers[stage].values(states, *given(forward)), np.where(some, every, 0), strict=True
         )
-        found = numbers[stage].slopes(states, np.tile(CTRL, (2, 1)))
+        found = numbers[stage].slopes(states, *given(forward))
         np.testing.assert_allclose(found, np.where(some[:, None], slopes, 0), atol=1e-9)
     see = of_fields(problem, "mujoco", lambda state: state.sensor("speed") + state.sensor("angle"))
     np.testing.assert_array_equal(see(jnp.asarray(states[0, 1:17]), CTRL), 0.7 + 0.3)

@@ -88,7 +88,8 @@ def test_all_moves_as_when_the_text_is_compiled_again(text, parameter, follows):
         moved = (ours[name] - theirs[name]) / (2 * h)
         reach = max(np.abs(value).max() / TEXT[text], np.abs(expected).max())
         np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-6 * reach, err_msg=name)
-        np.testing.assert_allclose(arrays(in_c)[name], ours[name], rtol=0, atol=1e-12 * reach, err_msg=name)
+        exact = ahead[name] if name in ("geom_rbound", "geom_aabb") else ours[name]  # Lest C overlooks a contact.
+        np.testing.assert_allclose(arrays(in_c)[name], exact, rtol=0, atol=1e-12 * reach, err_msg=name)
 
 
 def test_a_mass_of_geoms_is_their_density():

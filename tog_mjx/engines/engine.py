@@ -20,9 +20,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from tog_mjx.engines.c_mujoco.forward import Forward, check_state
+from tog_mjx.engines.c_mujoco.held import Held
 from tog_mjx.engines.c_mujoco.observe import Observed
 from tog_mjx.engines.c_mujoco.sweep import motion
 from tog_mjx.engines.simulator import Simulator, check_names, make_simulator
+from tog_mjx.mjcf.moved import MovedModel
 from tog_mjx.mjcf.scene import Scene
 from tog_mjx.mjcf.supported import check_supported
 from tog_mjx.problems.problem import Problem
@@ -127,19 +129,22 @@ class OnMujoco(Engine):
 
     forward: Forward
 
-    def begin(self, model: Any, start: dict[str, Array]) -> Array:
-        if model is not self.model or any(start[name] is not getattr(self.origin, name) for name in MOCAP):
-            raise InputError("engine mujoco moves qpos, qvel and act of a start, and no model or mocap body; take mjx")
+    def begin(self, model: MovedModel, start: dict[str, Array]) -> tuple[Array, Held]:
         s = jnp.asarray(self.forward.start, self.origin.qpos.dtype)
         time, *_, warm = jnp.split(s, self.forward.ends)
-        return jnp.concatenate([time, start["qpos"], start["qvel"], start["act"], warm])
+        held = Held.of(model, start)
+        return jnp.concatenate([time, start["qpos"], start["qvel"], start["act"], warm]), held
 
-    def step(self, model: Any, carry: Array, ctrl: Controls) -> tuple[Array, State]:
-        return motion(self.forward, carry, ctrl[None])[0], self.state(model, carry, ctrl)
+    def step(self, model: MovedModel, carry: tuple[Array, Held], ctrl: Controls) -> tuple[tuple[Array, Held], State]:
+        s, held = carry
+        after = motion(self.forward.holding(model), s, ctrl[None], held)[0]
+        return (after, held), self.state(model, carry, ctrl)
 
-    def state(self, model: Any, carry: Array, ctrl: Controls) -> State:
-        time, qpos, qvel, act, _ = jnp.split(carry, self.forward.ends)
-        return State(time[0], qpos, qvel, act, ctrl, model, Observed(self.forward, carry, ctrl))
+    def state(self, model: MovedModel, carry: tuple[Array, Held], ctrl: Controls) -> State:
+        s, held = carry
+        time, qpos, qvel, act, _ = jnp.split(s, self.forward.ends)
+        seen = Observed(self.forward.holding(model), s, ctrl, held)
+        return State(time[0], qpos, qvel, act, ctrl, self.scene.model, seen)
 
     def run(
         self,
@@ -151,10 +156,14 @@ class OnMujoco(Engine):
         checkpoint: int | None,
         watch: Callable[[State], Any],
     ) -> tuple[loop.Now, Any]:
-        def stretch(carry: Array, rows: Float[Array, "k nu"]) -> tuple[Array, Any]:
-            after = motion(self.forward, carry, rows)
-            before = jnp.concatenate([carry[None], after[:-1]])
-            return after[-1], jax.vmap(lambda carry, ctrl: watch(self.state(model, carry, ctrl)))(before, rows)
+        forward = self.forward.holding(model)
+
+        def stretch(carry: tuple[Array, Held], rows: Float[Array, "k nu"]) -> tuple[tuple[Array, Held], Any]:
+            s, held = carry
+            after = motion(forward, s, rows, held)
+            before = jnp.concatenate([s[None], after[:-1]])
+            seen = jax.vmap(lambda s, ctrl: watch(self.state(model, (s, held), ctrl)))(before, rows)
+            return (after[-1], held), seen
 
         return loop.run_stretches(stretch, controls, now, steps, every, checkpoint)
 
@@ -168,8 +177,6 @@ def check_engine(problem: Problem, name: str, options: Mapping[str, str]) -> Non
     check_names(name, options)
     if name == "mujoco":
         check_state(problem.scene.model, problem.scene.name)
-        if problem.bound.moves_model:
-            raise InputError("engine mujoco reads its parameters from the scene, and variables move none; take mjx")
         return
     check_supported(problem.scene.model, problem.scene.name)
     if name == "mjx":
@@ -199,7 +206,8 @@ def _on_mujoco(problem: Problem) -> Engine:
     with jax.ensure_compile_time_eval():
         # Copies: on a CPU JAX may share the memory of an array, which MuJoCo writes to.
         origin = {name: jnp.asarray(np.array(getattr(start, name)), float) for name in (*START, "ctrl")}
-    return OnMujoco(problem.scene, model, SimpleNamespace(**origin), Forward(model, start))
+        moved = MovedModel.of(model)
+    return OnMujoco(problem.scene, moved, SimpleNamespace(**origin), Forward(model, start))
 
 
 def _on_mjx(problem: Problem) -> tuple[mjx.Model, mjx.Data]:

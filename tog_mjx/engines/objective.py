@@ -64,8 +64,7 @@ def objective(
     Args:
       problem: a Problem, or the name of one: "flip" or "grasp".
       engine: "mjx" for any scene (option `differentiation="implicit" | "saltation" | "native"`, see `tog.step`);
-        "mujoco", C MuJoCo, for any scene, also one that MJX refuses, and variables that move no model (of a
-        State its costs see all but `data`);
+        "mujoco", C MuJoCo, for any scene, also one that MJX refuses (its costs see what a State holds, and no forces);
         "penalty" (options `friction="mujoco" | "paper"` and `differentiation="native" | "saltation"`) or "released"
         (option `mended`, one quirk out of `tog_mjx.paper.released.MENDED`) for those of one box and its fingers;
         "auto" for the cheaper one of "mjx" and "mujoco", see `choose_engine`: the objective's `engine` is its name.

@@ -2,6 +2,7 @@
 
 import copy
 import functools
+from typing import Any
 
 import jax.numpy as jnp
 import mujoco
@@ -10,6 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from tog_mjx.mjcf.fields import array_name, assign, attribute, entries, entry_names, field_of
 from tog_mjx.mjcf.followers import Followers, Origin, compiled, followers, spec_of
+from tog_mjx.mjcf.moved import MovedModel, Rates, put
 from tog_mjx.running.errors import InputError, require_kind
 from tog_mjx.running.types import AnyArray
 from tog_mjx.stepping._mjx import mjx, put_model, with_forces_of
@@ -61,8 +63,8 @@ class Parameter:
     def in_c(self, x: Float[AnyArray, " n"]) -> mujoco.MjModel:
         """The same model of C MuJoCo: a copy."""
         changed, on_mjx = copy.copy(self.model), self(x)
-        for name in self.arrays:
-            assign(changed, name, np.asarray(attribute(on_mjx, name)))
+        fields = {name: np.asarray(attribute(on_mjx, name)) for name in self.arrays}
+        put(self.model, fields, functools.partial(assign, changed), lambda: _set_const(changed, self.name))
         return changed
 
     @functools.cached_property
@@ -75,8 +77,23 @@ class Parameter:
         """All that moves."""
         return (self.array,) if self.is_alone else tuple({self.array: None, **self.followers.rates})
 
-    def moved(self, model: mjx.Model, change: Float[Array, " n"]) -> mjx.Model:
+    @functools.cached_property
+    def rates(self) -> Rates:
+        """The derivatives [size, n] of all that moves."""
+        own = np.zeros((field_of(self.model, self.array).size, len(self.chosen)))
+        own[self.chosen, np.arange(len(self.chosen))] = 1.0
+        return {name: self.followers.rates.get(name, own) for name in self.arrays}
+
+    @property
+    def size(self) -> Float[np.ndarray, " n"]:
+        """Of large changes: the numbers themselves, and of one that is nothing beside others of its array, those."""
+        largest = np.abs(field_of(self.model, self.array)).max()
+        return np.where(np.abs(self.value) > 1e-6 * largest, np.abs(self.value), largest or 1.0)
+
+    def moved(self, model: Any, change: Float[Array, " n"]) -> Any:
         """Such a model with these numbers, and what follows from them, displaced."""
+        if isinstance(model, MovedModel):
+            return model.displaced(self.rates, self.size, change)
         found = {}
         for name in self.arrays:
             value = attribute(model, name)
@@ -86,3 +103,10 @@ class Parameter:
                 moved = jnp.zeros(value.size, value.dtype).at[self.chosen].set(change)
             found[name] = value + moved.reshape(value.shape)
         return with_forces_of(model.tree_replace(found), self.array)
+
+
+def _set_const(model: mujoco.MjModel, name: str) -> None:
+    try:
+        mujoco.mj_setConst(model, mujoco.MjData(model))
+    except mujoco.FatalError as error:
+        raise InputError(f"C MuJoCo cannot move {name}: {' '.join(str(error).split())}") from None

@@ -17,6 +17,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from tog_mjx.mjcf.fields import array_name, entries, entry_names, field_of
 from tog_mjx.mjcf.followers import Origin
+from tog_mjx.mjcf.moved import MovedModel
 from tog_mjx.mjcf.parameter import ALONE, Parameter
 from tog_mjx.mjcf.unused import unused
 from tog_mjx.running.errors import InputError, require_kind
@@ -28,8 +29,8 @@ OF_DATA = ("ctrl", *START)
 """Variables of the start and the inputs; all others are of the model."""
 TURNED = ("qpos", "mocap_quat")
 """Those that have more numbers than displacements."""
-Model: TypeAlias = mjx.Model | mujoco.MjModel
-"""Of the engine that moves the problem; only MJX's can be displaced."""
+Model: TypeAlias = mjx.Model | MovedModel
+"""Of the engine that moves the problem."""
 Placed = tuple[Model, dict[str, Array]]
 """A model, and a start by the names of its fields in `mjx.Data`."""
 
@@ -130,7 +131,7 @@ class Displacements:
         change = jnp.zeros(math.prod(self.shape), x.dtype).at[self.chosen].set(x).reshape(self.shape)
         match name:
             case "qpos":
-                moved = positions_after(model, value, change)
+                moved = positions_after(self.model, value, change)
             case "mocap_quat":
                 moved = jax.vmap(rotated)(value, change)
             case _:

@@ -61,7 +61,8 @@ def run_stretches(
         rows = jnp.broadcast_to(controls, (steps, controls.shape[-1]))
         if checkpoint is None:
             return advance(now, rows)
-        now, seen = jax.lax.scan(jax.checkpoint(advance), now, rows.reshape(steps // checkpoint, checkpoint, rows.shape[1]))
+        folded = rows.reshape(steps // checkpoint, checkpoint, rows.shape[1])
+        now, seen = jax.lax.scan(jax.checkpoint(advance), now, folded)
         return now, _joined(seen)
     law = controls
 

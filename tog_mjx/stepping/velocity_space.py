@@ -15,6 +15,11 @@ _TURNS = 0.5 * np.array(
 """The derivative [4, 3] of a quaternion in a rotation vector of its own frame, by each of its numbers w, x, y, z."""
 
 
+def turns(quaternions: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 4 3"]:
+    """The derivative of quaternions in rotation vectors of their own frames."""
+    return np.tensordot(quaternions, _TURNS, 1)
+
+
 def position_basis(model: mujoco.MjModel, qpos: Float[np.ndarray, "*batch nq"]) -> Float[np.ndarray, "*batch nq nv"]:
     """The derivative of the displaced positions in a displacement of velocity space."""
     basis = np.zeros((*qpos.shape, model.nv))
@@ -24,7 +29,7 @@ def position_basis(model: mujoco.MjModel, qpos: Float[np.ndarray, "*batch nq"]) 
             basis[..., q : q + 3, v : v + 3] = np.eye(3)
             q, v = q + 3, v + 3
         if kind in (free, ball):
-            basis[..., q : q + 4, v : v + 3] = np.tensordot(qpos[..., q : q + 4], _TURNS, 1)
+            basis[..., q : q + 4, v : v + 3] = turns(qpos[..., q : q + 4])
         else:
             basis[..., q, v] = 1.0
     return basis

@@ -1,13 +1,15 @@
 """Motions of C MuJoCo, many at a time, on all cores.
 
-A state is MuJoCo's own vector s [1 + nq + nv + na + nv]: time, qpos, qvel, act, and the warm start of the solver. All
-else that a step reads is an input, and stays as the problem's start has it.
+A state is MuJoCo's own vector s [1 + nq + nv + na + nv]: time, qpos, qvel, act, and the warm start of the solver. What
+is held, h, is a row of a `Layout`: numbers of the model and poses of mocap bodies. All else that a step reads is an
+input, and stays as the problem's start has it.
 """
 
+import contextlib
 import copy
 import hashlib
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 import mujoco
@@ -15,6 +17,8 @@ import mujoco.batch
 import numpy as np
 from jaxtyping import Float
 
+from tog_mjx.engines.c_mujoco.held import Layout
+from tog_mjx.mjcf.moved import MovedModel
 from tog_mjx.running.devices import cores
 from tog_mjx.running.digests import scene_digest
 from tog_mjx.running.errors import InputError
@@ -43,46 +47,85 @@ class Forward:
     counts as the second one. A model that began anew after a burst would forget that; this copy goes on.
     """
 
-    def __init__(self, model: mujoco.MjModel, origin: mujoco.MjData, threads: int | None = None):
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        origin: mujoco.MjData,
+        threads: int | None = None,
+        layout: Layout | None = None,
+    ):
         self.model, self.threads = copy.copy(model), threads or cores()
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        self.layout = layout or Layout(MovedModel.of(model))
         self.whole, self.start = (np.zeros(mujoco.mj_stateSize(model, spec)) for spec in (WHOLE, STATE))
         mujoco.mj_getState(model, origin, self.whole, WHOLE)
         mujoco.mj_getState(model, origin, self.start, STATE)
-        digest = hashlib.sha256(f"{scene_digest(model)}{mujoco.__version__}".encode() + self.whole.tobytes()).digest()
-        self.identity = np.frombuffer(digest, np.uint32)
-        """Of all that a motion depends on beside its state and controls."""
+        self.row = self.layout.row(origin)
+        given = f"{scene_digest(model)}{mujoco.__version__}".encode() + self.whole.tobytes() + self.layout.identity
+        self.identity = np.frombuffer(hashlib.sha256(given).digest(), np.uint32)
+        """Of all that a motion depends on beside its state, its controls and what is held."""
         self.ends = np.cumsum([1, model.nq, model.nv, model.na])
         """Where time, qpos, qvel and act end in s."""
         # Making one costs more than a step of a small model. Every call takes what nobody uses, and sets all of it.
         self._idle: defaultdict[int, list[mujoco.batch.Batch]] = defaultdict(list)
         self.spare: list[mujoco.MjData] = []
+        self._others: dict[bytes, Forward] = {}
 
-    def motions(self, states: Float[np.ndarray, "N s"], controls: Float[np.ndarray, "N k nu"]) -> np.ndarray:
+    def holding(self, model: MovedModel) -> "Forward":
+        """The same with rows of what moves that model; one for all equal ones."""
+        layout = Layout(model)
+        if layout.identity == self.layout.identity:
+            return self
+        if layout.identity not in self._others:
+            with self.data() as origin:
+                other = Forward(self.model, origin, self.threads, layout)
+            self._others.setdefault(layout.identity, other)
+        return self._others[layout.identity]
+
+    def motions(
+        self,
+        states: Float[np.ndarray, "N s"],
+        controls: Float[np.ndarray, "N k nu"],
+        held: Float[np.ndarray, "N h"] | None = None,
+    ) -> np.ndarray:
         """The states after each of k steps, [N, k, s], the same to the bit for any number of threads. From where
         MuJoCo warns that a motion has burst they are NaN."""
         count, steps, _ = controls.shape
-        idle = self._idle[count]
-        batch = _taken(idle, lambda: mujoco.batch.Batch(self.model, count, min(self.threads, count)))
-        batch.state[:] = self.whole
-        batch.state[:, : states.shape[1]] = states
-        batch.warning[:] = WARNED
-        found: np.ndarray = batch.rollout(steps, controls, record=(STATE,))[STATE]
-        burst = (batch.warning[..., 1] > WARNED).any(1)
-        idle.append(batch)
+        with self.batch(count, held) as batch:
+            batch.state[:, : states.shape[1]] = states
+            found: np.ndarray = batch.rollout(steps, controls, record=(STATE,))[STATE]
+            burst = (batch.warning[..., 1] > WARNED).any(1)
         for i in np.flatnonzero(burst):
             # Its steps after the last one repeat that one, in which MuJoCo warned.
             found[i, np.argmax(found[i, :, 0] == found[i, -1, 0]) :] = np.nan
         return found
 
-    def data(self) -> mujoco.MjData:
-        """Data that nobody uses, with the inputs; put them into `spare` afterwards."""
-        data = _taken(self.spare, self._new_data)
-        mujoco.mj_setState(self.model, data, self.whole, WHOLE)
-        return data
+    @contextlib.contextmanager
+    def batch(self, count: int, held: Float[np.ndarray, "n h"] | None = None) -> Iterator[mujoco.batch.Batch]:
+        """So many simulations that nobody uses, with the inputs and, the first ones, with what is held."""
+        idle = self._idle[count]
+        batch = _taken(idle, lambda: mujoco.batch.Batch(self.model, count, min(self.threads, count)))
+        batch.state[:] = self.whole
+        batch.warning[:] = WARNED
+        if held is not None:
+            self.layout.hold(batch, held)
+        yield batch
+        idle.append(batch)
 
-    def _new_data(self) -> mujoco.MjData:
-        data = mujoco.MjData(self.model)
+    @contextlib.contextmanager
+    def data(self) -> Iterator[mujoco.MjData]:
+        """Data that nobody uses, with the inputs; of a model of their own where that moves."""
+        data = _taken(self.spare, self._new)
+        mujoco.mj_setState(self.model, data, self.whole, WHOLE)
+        yield data
+        self.spare.append(data)
+
+    def hold(self, data: mujoco.MjData, held: Float[np.ndarray, " h"]) -> None:
+        """Puts it and the inputs into such data and their model."""
+        self.layout.hold_one(data, held, self.whole)
+
+    def _new(self) -> mujoco.MjData:
+        data = mujoco.MjData(copy.copy(self.model) if self.layout.moves_model else self.model)
         for kind in data.warning:
             kind.number = WARNED
         return data

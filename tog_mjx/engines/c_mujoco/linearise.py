@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.engines.c_mujoco.forward import STATE, Forward
+from tog_mjx.engines.c_mujoco.one_step import Given, one_step
 from tog_mjx.running.devices import cores
-from tog_mjx.running.errors import InputError
 from tog_mjx.stepping.velocity_space import position_basis, velocity_basis
 
 STEP, FINE = 1e-6, 1e-8
@@ -29,10 +29,12 @@ NO_SECOND = "engine mujoco has first derivatives only; take engine mjx for secon
 
 
 class Slopes(NamedTuple):
-    """Of (qpos, qvel, act) after a step: in those before, [..., n, n], and in the controls, [..., n, nu]."""
+    """Of (qpos, qvel, act) after a step: in those before, [..., n, n], and in the controls, [..., n, nu]; of the time
+    and those, in numbers of what is held, [..., 1 + n, m]."""
 
     state: np.ndarray
     controls: np.ndarray
+    held: np.ndarray
 
 
 @functools.cache
@@ -45,46 +47,64 @@ def slopes(
     before: Float[np.ndarray, "N s"],
     after: Float[np.ndarray, "N s"],
     controls: Float[np.ndarray, "N nu"],
+    held: Float[np.ndarray, "N h"] | None = None,
+    *,
+    is_held: bool = False,
 ) -> Slopes:
-    """The derivatives of N steps. Each is computed from its own state alone, on whichever thread. Those of steps that
-    burst are NaN."""
+    """The derivatives of N steps, with `is_held` those in what is held too. Each is computed from its own state alone,
+    on whichever thread. Those of steps that burst are NaN."""
     model, (_, q, *_) = forward.model, forward.ends
-    n = 2 * model.nv + model.na
-    slope = np.full((len(before), n, n + model.nu), np.nan)
+    held = np.tile(forward.row, (len(before), 1)) if held is None else held
     usable = np.flatnonzero(np.isfinite(after).all(1) & np.isfinite(before).all(1))
-    slope[usable] = centred(lambda some, step: _one_sided(forward, before[some], controls[some], step), usable)
-    found = Slopes(slope[..., :n], slope[..., n:])
+    by_steps = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+
+    def one_sided(rows: np.ndarray, step: float) -> np.ndarray:
+        given = before[rows], controls[rows], held[rows]
+        parts = [] if by_steps else [_transitions(forward, given, step)]
+        if by_steps or is_held:
+            parts.append(one_step(forward, given, step, by_steps, is_held))
+        return np.concatenate(parts, axis=3)
+
+    n, nu, m = 2 * model.nv + model.na, model.nu, forward.layout.directions if is_held else 0
+    slope = np.full((len(before), 1 + n, n + nu + m), np.nan)
+    slope[usable] = centred(one_sided, usable)
+    in_held = slope[..., n + nu :]
+    in_held = forward.layout.in_numbers(held, in_held) if is_held else in_held
+    found = Slopes(slope[:, 1:, :n], slope[:, 1:, n : n + nu], in_held)
     if model.nq == model.nv:
         return found
     return _in_positions(model, before[:, 1:q], after[:, 1:q], found)
 
 
-def _one_sided(forward: Forward, states: np.ndarray, controls: np.ndarray, step: float) -> np.ndarray:
-    """Derivatives by differences ahead and behind, [2, N, n, n + nu], in velocity space."""
+def _transitions(forward: Forward, given: Given, step: float) -> np.ndarray:
+    """Derivatives by differences ahead and behind, [2, N, 1 + n, n + nu], in velocity space; the time's are zero."""
+    states, controls, held = given
     model, count = forward.model, len(states)
     n = 2 * model.nv + model.na
     of_state, of_controls = np.empty((2, count, n, n)), np.zeros((2, count, n, model.nu))
 
     def one(data: mujoco.MjData, i: int) -> None:
         for side, length in enumerate((step, -step)):
-            mujoco.mj_setState(model, data, states[i], STATE)
+            mujoco.mj_setState(data.model, data, states[i], STATE)
             data.ctrl[:] = controls[i]
-            mujoco.mjd_transitionFD(model, data, length, False, of_state[side, i], of_controls[side, i], None, None)
+            of = of_state[side, i], of_controls[side, i]
+            mujoco.mjd_transitionFD(data.model, data, length, False, *of, None, None)
 
-    for_each(forward, count, one)
-    return np.concatenate([of_state, of_controls], axis=3)
+    for_each(forward, held, one)
+    return np.pad(np.concatenate([of_state, of_controls], axis=3), ((0, 0), (0, 0), (1, 0), (0, 0)))
 
 
-def for_each(forward: Forward, count: int, one: Callable[[mujoco.MjData, int], None]) -> None:
-    """`one(data, number)` of so many members, on all cores."""
+def for_each(forward: Forward, held: Float[np.ndarray, "N h"], one: Callable[[mujoco.MjData, int], None]) -> None:
+    """`one(data, number)` of so many members, on all cores, whose data and their model have what each holds."""
 
     def some(numbers: np.ndarray) -> None:
-        data = forward.data()
-        for i in numbers.tolist():
-            one(data, i)
-        forward.spare.append(data)
+        with forward.data() as data:
+            for before, i in zip([-1, *numbers.tolist()], numbers.tolist(), strict=False):
+                if before < 0 or (held[i] != held[before]).any():
+                    forward.hold(data, held[i])
+                one(data, i)
 
-    parts = [part for part in np.array_split(np.arange(count), forward.threads) if len(part)]
+    parts = [part for part in np.array_split(np.arange(len(held)), forward.threads) if len(part)]
     list((_pool().map if len(parts) > 1 else map)(some, parts))
 
 
@@ -118,7 +138,9 @@ def _in_positions(model: mujoco.MjModel, before: np.ndarray, after: np.ndarray, 
     def rows(matrix: np.ndarray) -> np.ndarray:
         return np.concatenate([out_of @ matrix[:, :nv], matrix[:, nv:]], axis=1)
 
-    return Slopes(rows(columns_in_positions(model, before, found.state)), rows(found.controls))
+    columns = columns_in_positions(model, before, found.state)
+    held = np.concatenate([found.held[:, :1], rows(found.held[:, 1:])], axis=1)
+    return Slopes(rows(columns), rows(found.controls), held)
 
 
 def columns_in_positions(
@@ -129,10 +151,3 @@ def columns_in_positions(
         return matrix
     nv = model.nv
     return np.concatenate([matrix[..., :nv] @ velocity_basis(model, qpos), matrix[..., nv:]], axis=2)
-
-
-def check_differences(model: mujoco.MjModel) -> None:
-    """Raises InputError for what `mjd_transitionFD` does not differentiate."""
-    if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        told = "engine mujoco has no derivative of <option integrator='RK4'>, which mjd_transitionFD does not take"
-        raise InputError(f"{told}; set Euler or implicitfast, or take engine mjx")

@@ -1,20 +1,24 @@
 """Numbers y [m] that C MuJoCo finds at a moment, and their slopes: places by Jacobians, all else by differences.
 
-A moment is a state s, see `forward`, and the controls in force: whatever the integrator, y is what `mj_forward` finds
-there.
+A moment is a state s, see `forward`, the controls in force, and what is held: whatever the integrator, y is what
+`mj_forward` finds there.
 """
 
 import abc
 import functools
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.engines.c_mujoco.forward import STATE, Forward
+from tog_mjx.engines.c_mujoco.held import Rows
 from tog_mjx.engines.c_mujoco.linearise import centred, for_each
 
+States: TypeAlias = Float[np.ndarray, "N s"]
+Controls: TypeAlias = Float[np.ndarray, "N nu"]
 POS, VEL, ACC = (int(getattr(mujoco.mjtStage, f"mjSTAGE_{name}")) for name in ("POS", "VEL", "ACC"))
 QACC = ACC + 1
 _JACOBIANS = {mujoco.mjtObj.mjOBJ_SITE: mujoco.mj_jacSite, mujoco.mjtObj.mjOBJ_BODY: mujoco.mj_jacBody}
@@ -40,11 +44,31 @@ class Numbers(abc.ABC):
         return np.append(self.forward.identity, np.array(self.which, np.uint32))
 
     @abc.abstractmethod
-    def values(self, states: Float[np.ndarray, "N s"], controls: Float[np.ndarray, "N nu"]) -> np.ndarray: ...
+    def values(self, states: States, controls: Controls, held: Rows) -> np.ndarray:
+        """[N, m] of N moments."""
 
     @abc.abstractmethod
-    def slopes(self, states: Float[np.ndarray, "N s"], controls: Float[np.ndarray, "N nu"]) -> np.ndarray:
+    def slopes(self, states: States, controls: Controls, held: Rows) -> np.ndarray:
         """In (velocity space, qvel, act, ctrl), [N, m, 2 nv + na + nu]."""
+
+    def in_held(self, states: States, controls: Controls, held: Rows) -> np.ndarray:
+        """In the numbers of what is held, [N, m, ...], by differences."""
+        layout, usable = self.forward.layout, np.flatnonzero(np.isfinite(states).all(1))
+        ways = layout.directions
+
+        def one_sided(members: np.ndarray, step: float) -> np.ndarray:
+            along = step * np.concatenate([np.zeros((1, ways)), np.eye(ways), -np.eye(ways)])
+            rows = layout.displaced(held[members], along)
+            given = states[members].repeat(len(along), 0), controls[members].repeat(len(along), 0)
+            found = self.values(*given, rows.reshape(-1, rows.shape[2]))
+            found = found.reshape(len(members), len(along), self.size)
+            change = (found[:, 1:] - found[:, :1]).swapaxes(1, 2) / step
+            return np.stack([change[..., :ways], -change[..., ways:]])
+
+        found = np.full((len(states), self.size, ways), np.nan)
+        if found.size:
+            found[usable] = centred(one_sided, usable)
+        return layout.in_numbers(held, found)
 
 
 @dataclass(frozen=True)
@@ -62,31 +86,31 @@ class Place(Numbers):
     def which(self) -> tuple[int, ...]:
         return int(self.kind), self.number
 
-    def values(self, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    def values(self, states: States, controls: Controls, held: Rows) -> np.ndarray:
         del controls
         found = np.empty((len(states), 3))
 
         def one(data: mujoco.MjData, i: int) -> None:
-            mujoco.mj_setState(self.forward.model, data, states[i], STATE)
-            mujoco.mj_kinematics(self.forward.model, data)
+            mujoco.mj_setState(data.model, data, states[i], STATE)
+            mujoco.mj_kinematics(data.model, data)
             found[i] = (data.site_xpos if self.kind == mujoco.mjtObj.mjOBJ_SITE else data.xpos)[self.number]
 
-        for_each(self.forward, len(states), one)
+        for_each(self.forward, held, one)
         return found
 
-    def slopes(self, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    def slopes(self, states: States, controls: Controls, held: Rows) -> np.ndarray:
         del controls
         model = self.forward.model
         found = np.zeros((len(states), 3, 2 * model.nv + model.na + model.nu))
         jacobians = np.empty((len(states), 3, model.nv))
 
         def one(data: mujoco.MjData, i: int) -> None:
-            mujoco.mj_setState(model, data, states[i], STATE)
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            _JACOBIANS[self.kind](model, data, jacobians[i], None, self.number)
+            mujoco.mj_setState(data.model, data, states[i], STATE)
+            mujoco.mj_kinematics(data.model, data)
+            mujoco.mj_comPos(data.model, data)
+            _JACOBIANS[self.kind](data.model, data, jacobians[i], None, self.number)
 
-        for_each(self.forward, len(states), one)
+        for_each(self.forward, held, one)
         found[..., : model.nv] = jacobians
         return found
 
@@ -110,19 +134,19 @@ class Dynamics(Numbers):
         model = self.forward.model
         return np.repeat(model.sensor_needstage <= self.stage, model.sensor_dim)
 
-    def values(self, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    def values(self, states: States, controls: Controls, held: Rows) -> np.ndarray:
         found = np.full((len(states), self.size), np.nan)
 
         def one(data: mujoco.MjData, i: int) -> None:
-            mujoco.mj_setState(self.forward.model, data, states[i], STATE)
+            mujoco.mj_setState(data.model, data, states[i], STATE)
             data.ctrl[:] = controls[i]
             found[i] = self._of(data)
 
         usable = np.flatnonzero(np.isfinite(states).all(1))
-        for_each(self.forward, len(usable), lambda data, i: one(data, int(usable[i])))
+        for_each(self.forward, held[usable], lambda data, i: one(data, int(usable[i])))
         return found
 
-    def slopes(self, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    def slopes(self, states: States, controls: Controls, held: Rows) -> np.ndarray:
         model = self.forward.model
         found = np.full((len(states), self.size, 2 * model.nv + model.na + model.nu), np.nan)
         usable = np.flatnonzero(np.isfinite(states).all(1))
@@ -134,7 +158,7 @@ class Dynamics(Numbers):
                 for side, length in enumerate((step, -step)):
                     self._differences(data, states[members[i]], controls[members[i]], length, both[side, i])
 
-            for_each(self.forward, len(members), one)
+            for_each(self.forward, held[members], one)
             return both
 
         if found.size:
@@ -145,7 +169,7 @@ class Dynamics(Numbers):
         self, data: mujoco.MjData, state: np.ndarray, controls: np.ndarray, length: float, out: np.ndarray
     ) -> None:
         """One-sided ones, [m, 2 nv + na + nu]. Of what a variable does not move nothing is computed again."""
-        model = self.forward.model
+        model = data.model
         nv, na = model.nv, model.na
         mujoco.mj_setState(model, data, state, STATE)
         data.ctrl[:] = controls
@@ -178,7 +202,7 @@ class Dynamics(Numbers):
 
     def _of(self, data: mujoco.MjData, done: int = 0) -> np.ndarray:
         """y, where the stages up to `done` are those of the data."""
-        model = self.forward.model
+        model = data.model
         if self.stage == QACC:
             mujoco.mj_forwardSkip(model, data, done, True)
             return data.qacc.copy()

@@ -1,0 +1,105 @@
+"""A model of C MuJoCo of which JAX moves numbers: to engine mujoco what `mjx.Model` is to MJX."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+import mujoco
+import mujoco.batch
+import numpy as np
+from jaxtyping import Array, Float
+
+from tog_mjx.mjcf.fields import attribute, float_fields
+from tog_mjx.running.errors import InputError
+
+Rates = dict[str, Float[np.ndarray, "size n"]]
+"""By array, the derivative of all its numbers in those that move it."""
+_BOUNDS = frozenset({"geom_rbound", "geom_aabb"})
+"""In which geoms have to lie, lest C MuJoCo overlooks contacts."""
+_OWN = _BOUNDS | {"body_subtreemass", "dof_M0"}
+"""What C MuJoCo has at hand of other arrays, and MJX derives as it goes."""
+_READ, _WRITTEN = (set(getattr(mujoco.MjModel, f"_setconst_{which}")) for which in ("inputs", "outputs"))
+"""By `mj_setConst`. MuJoCo tells to read these names, though they are private."""
+_KEPT = sorted(_WRITTEN & float_fields() - _OWN)
+_FRAMES = ("body_ipos", "body_iquat")
+"""Where a body's inertia is."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovedModel:
+    """Fields by their names in `mjx.Model`: those that were drawn, else the model's own, and what moves them, to first
+    order: their `rates` times a `change` [n], whose large values are `size` [n]. All else is `model`'s."""
+
+    model: mujoco.MjModel
+    drawn: Mapping[str, Array]
+    rates: Rates
+    size: Float[np.ndarray, " n"]
+    change: Float[Array, " n"]
+
+    @classmethod
+    def of(cls, model: mujoco.MjModel) -> "MovedModel":
+        """The model as it is."""
+        return cls(model, {}, {}, np.zeros(0), jnp.zeros(0))
+
+    def __getattr__(self, name: str) -> Any:
+        """A field as an array of JAX, and what is no field as the model has it."""
+        value = self.drawn.get(name, getattr(self.model, name))
+        if name not in float_fields() or not isinstance(value, np.ndarray):
+            return value
+        return jnp.asarray(np.array(value), float)  # A copy: JAX may share the memory of an array.
+
+    def tree_replace(self, fields: Mapping[str, Array]) -> "MovedModel":
+        """With other fields, in which nothing is differentiated.
+
+        Raises:
+          InputError: for one that C MuJoCo does not move.
+        """
+        for name in fields:
+            _check(self.model, name, np.ones(np.shape(attribute(self.model, name)), bool))
+        return MovedModel(self.model, {**self.drawn, **fields}, self.rates, self.size, self.change)
+
+    def displaced(self, rates: Rates, size: Float[np.ndarray, " n"], change: Float[Array, " n"]) -> "MovedModel":
+        """With more that moves it; errors are those of `tree_replace`."""
+        before, n = len(self.size), len(size)
+        found = {name: np.pad(of, ((0, 0), (0, n))) for name, of in self.rates.items()}
+        for name, of in rates.items():
+            _check(self.model, name, of.any(1).reshape(np.shape(attribute(self.model, name))))
+            found.setdefault(name, np.zeros((len(of), before + n)))[:, before:] = of
+        joined = np.append(self.size, size), jnp.concatenate([self.change.astype(change.dtype), change])
+        return MovedModel(self.model, self.drawn, found, *joined)
+
+    def fields(self) -> dict[str, Array]:
+        """All that moves, on JAX."""
+        found = {}
+        for name in {**self.drawn, **self.rates}:
+            value = jnp.asarray(self.drawn.get(name, np.array(attribute(self.model, name))), self.change.dtype)
+            if name in self.rates:
+                value = value + (jnp.asarray(self.rates[name], value.dtype) @ self.change).reshape(value.shape)
+            found[name] = value
+        return found
+
+
+def _check(model: mujoco.MjModel, name: str, moved: np.ndarray) -> None:
+    if name not in mujoco.batch.MODEL_FIELDS:
+        raise InputError(f"C MuJoCo cannot move {name} of one motion and not of others; take engine mjx")
+    if name in _FRAMES and (simple := np.flatnonzero(moved.any(1) & (model.body_simple > 0))).size:
+        whose = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, simple[0]) or f"number {simple[0]}"
+        told = f"{name} of body {whose}, which C MuJoCo has compiled as one whose inertia is at its frame, cannot move"
+        raise InputError(f"{told}; write simple='false' at that <body>, or take engine mjx")
+
+
+def put(model: mujoco.MjModel, fields: Mapping[str, Any], write: Callable[[str, Any], None], derive: Callable) -> None:
+    """Fields into C MuJoCo, as MJX would have them: by `write`, for one model or many at a time.
+
+    C skips work by what was derived from fields: a geom that lies at its body's frame, a mass matrix that is constant.
+    That `derive` computes again, by `mj_setConst`; what MJX reads of it stays as it is in the fields and the `model`.
+    """
+    for name, value in fields.items():
+        write(name, value)
+    if any(name.startswith("opt.") or name in _READ for name in fields):
+        derive()
+        kept = {name: getattr(model, name) for name in _KEPT}
+        for name, value in {**kept, **fields}.items():
+            if name not in _BOUNDS:
+                write(name, value)
