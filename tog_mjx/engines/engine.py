@@ -190,7 +190,7 @@ def make_engine(problem: Problem, name: str, **options: str) -> Engine:
     """The engine of that name, for a problem; errors are those of `check_engine`."""
     check_engine(problem, name, options)
     if name == "mujoco":
-        return _on_mujoco(problem)
+        return _on_mujoco(problem, **options)
     if name == "mjx":
         return OnMjx(problem.scene, *_on_mjx(problem), options.get("differentiation", "implicit"))
     return on_plane(problem, make_simulator(name, problem.scene, **options))
@@ -201,13 +201,14 @@ def on_plane(problem: Problem, simulator: Simulator) -> Engine:
     return OnPlane(problem.scene, *_on_mjx(problem), simulator)
 
 
-def _on_mujoco(problem: Problem) -> Engine:
+def _on_mujoco(problem: Problem, differentiation: str = "implicit") -> Engine:
     model, start = problem.scene.model, problem.origin
     with jax.ensure_compile_time_eval():
         # Copies: on a CPU JAX may share the memory of an array, which MuJoCo writes to.
         origin = {name: jnp.asarray(np.array(getattr(start, name)), float) for name in (*START, "ctrl")}
         moved = MovedModel.of(model)
-    return OnMujoco(problem.scene, moved, SimpleNamespace(**origin), Forward(model, start))
+    forward = Forward(model, start, differentiation=differentiation)
+    return OnMujoco(problem.scene, moved, SimpleNamespace(**origin), forward)
 
 
 def _on_mjx(problem: Problem) -> tuple[mjx.Model, mjx.Data]:

@@ -44,9 +44,10 @@ SIMULATORS: dict[str, Any] = {"mjx": MjxSimulator, "penalty": PenaltySimulator}
 class CMujoco:
     """C MuJoCo, which moves any scene and is no planar simulator."""
 
-    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {}
+    OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"differentiation": ("implicit", "saltation")}
     CHUNK: ClassVar[int] = 64
     GRADIENT_CHARGE: ClassVar[float] = 20.0
+    SALTATION_CHARGE: ClassVar[float] = 40.0
 
 
 AUTO = "auto"

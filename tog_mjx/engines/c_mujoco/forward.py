@@ -10,7 +10,7 @@ import copy
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import mujoco
 import mujoco.batch
@@ -41,7 +41,8 @@ _HIDDEN = {
 
 
 class Forward:
-    """The motions of a model under the inputs of a start. Any number of threads may call it at once.
+    """The motions of a model under the inputs of a start, and how they are differentiated: "implicit" or "saltation".
+    Any number of threads may call it at once.
 
     MuJoCo prints a warning, and writes it to a file in the working folder, if it is the first of its kind: here each
     counts as the second one. A model that began anew after a burst would forget that; this copy goes on.
@@ -52,23 +53,27 @@ class Forward:
         model: mujoco.MjModel,
         origin: mujoco.MjData,
         threads: int | None = None,
+        differentiation: str = "implicit",
         layout: Layout | None = None,
     ):
-        self.model, self.threads = copy.copy(model), threads or cores()
+        self.model, self.threads, self.differentiation = copy.copy(model), threads or cores(), differentiation
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
         self.layout = layout or Layout(MovedModel.of(model))
         self.whole, self.start = (np.zeros(mujoco.mj_stateSize(model, spec)) for spec in (WHOLE, STATE))
         mujoco.mj_getState(model, origin, self.whole, WHOLE)
         mujoco.mj_getState(model, origin, self.start, STATE)
         self.row = self.layout.row(origin)
-        given = f"{scene_digest(model)}{mujoco.__version__}".encode() + self.whole.tobytes() + self.layout.identity
-        self.identity = np.frombuffer(hashlib.sha256(given).digest(), np.uint32)
+        told = f"{scene_digest(model)}{mujoco.__version__}{differentiation}".encode()
+        digest = hashlib.sha256(told + self.whole.tobytes() + self.layout.identity).digest()
+        self.identity = np.frombuffer(digest, np.uint32)
         """Of all that a motion depends on beside its state, its controls and what is held."""
         self.ends = np.cumsum([1, model.nq, model.nv, model.na])
         """Where time, qpos, qvel and act end in s."""
         # Making one costs more than a step of a small model. Every call takes what nobody uses, and sets all of it.
         self._idle: defaultdict[int, list[mujoco.batch.Batch]] = defaultdict(list)
         self.spare: list[mujoco.MjData] = []
+        self.rooms: list[Any] = []
+        """Those of `switching`."""
         self._others: dict[bytes, Forward] = {}
 
     def holding(self, model: MovedModel) -> "Forward":
@@ -78,7 +83,7 @@ class Forward:
             return self
         if layout.identity not in self._others:
             with self.data() as origin:
-                other = Forward(self.model, origin, self.threads, layout)
+                other = Forward(self.model, origin, self.threads, self.differentiation, layout)
             self._others.setdefault(layout.identity, other)
         return self._others[layout.identity]
 
@@ -104,7 +109,7 @@ class Forward:
     def batch(self, count: int, held: Float[np.ndarray, "n h"] | None = None) -> Iterator[mujoco.batch.Batch]:
         """So many simulations that nobody uses, with the inputs and, the first ones, with what is held."""
         idle = self._idle[count]
-        batch = _taken(idle, lambda: mujoco.batch.Batch(self.model, count, min(self.threads, count)))
+        batch = taken(idle, lambda: mujoco.batch.Batch(self.model, count, min(self.threads, count)))
         batch.state[:] = self.whole
         batch.warning[:] = WARNED
         if held is not None:
@@ -115,7 +120,7 @@ class Forward:
     @contextlib.contextmanager
     def data(self) -> Iterator[mujoco.MjData]:
         """Data that nobody uses, with the inputs; of a model of their own where that moves."""
-        data = _taken(self.spare, self._new)
+        data = taken(self.spare, self._new)
         mujoco.mj_setState(self.model, data, self.whole, WHOLE)
         yield data
         self.spare.append(data)
@@ -131,7 +136,7 @@ class Forward:
         return data
 
 
-def _taken(idle: list[Kind], make: Callable[[], Kind]) -> Kind:
+def taken(idle: list[Kind], make: Callable[[], Kind]) -> Kind:
     try:
         return idle.pop()
     except IndexError:

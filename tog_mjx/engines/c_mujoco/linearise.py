@@ -14,8 +14,9 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.engines.c_mujoco.forward import STATE, Forward
+from tog_mjx.engines.c_mujoco.forward import STATE, Forward, taken
 from tog_mjx.engines.c_mujoco.one_step import Given, one_step
+from tog_mjx.engines.c_mujoco.switching import Jumps
 from tog_mjx.running.devices import cores
 from tog_mjx.stepping.velocity_space import position_basis, velocity_basis
 
@@ -68,6 +69,9 @@ def slopes(
     n, nu, m = 2 * model.nv + model.na, model.nu, forward.layout.directions if is_held else 0
     slope = np.full((len(before), 1 + n, n + nu + m), np.nan)
     slope[usable] = centred(one_sided, usable)
+    if forward.differentiation == "saltation":
+        given = before[usable], controls[usable], held[usable]
+        slope[usable, 1:, : model.nv] += _jumps(forward, given, after[usable])
     in_held = slope[..., n + nu :]
     in_held = forward.layout.in_numbers(held, in_held) if is_held else in_held
     found = Slopes(slope[:, 1:, :n], slope[:, 1:, n : n + nu], in_held)
@@ -94,6 +98,21 @@ def _transitions(forward: Forward, given: Given, step: float) -> np.ndarray:
     return np.pad(np.concatenate([of_state, of_controls], axis=3), ((0, 0), (0, 0), (1, 0), (0, 0)))
 
 
+def _jumps(forward: Forward, given: Given, after: np.ndarray) -> np.ndarray:
+    """What touch-downs and partings add to the derivatives in the positions before, [N, n, nv], in velocity space."""
+    model, (states, controls, held) = forward.model, given
+    found = np.empty((len(states), 2 * model.nv + model.na, model.nv))
+
+    def some(numbers: np.ndarray) -> None:
+        room = taken(forward.rooms, lambda: Jumps(forward))
+        for i in numbers:
+            found[i] = room.of_step(states[i], after[i], controls[i], held[i])
+        forward.rooms.append(room)
+
+    _on_all_cores(forward, some, len(states))
+    return found
+
+
 def for_each(forward: Forward, held: Float[np.ndarray, "N h"], one: Callable[[mujoco.MjData, int], None]) -> None:
     """`one(data, number)` of so many members, on all cores, whose data and their model have what each holds."""
 
@@ -104,7 +123,12 @@ def for_each(forward: Forward, held: Float[np.ndarray, "N h"], one: Callable[[mu
                     forward.hold(data, held[i])
                 one(data, i)
 
-    parts = [part for part in np.array_split(np.arange(len(held)), forward.threads) if len(part)]
+    _on_all_cores(forward, some, len(held))
+
+
+def _on_all_cores(forward: Forward, some: Callable[[np.ndarray], None], count: int) -> None:
+    """Calls a function of some of the numbers below `count` until all have been given, each once."""
+    parts = [part for part in np.array_split(np.arange(count), forward.threads) if len(part)]
     list((_pool().map if len(parts) > 1 else map)(some, parts))
 
 

@@ -15,6 +15,7 @@ from tog_mjx.engines.c_mujoco import outside
 from tog_mjx.engines.c_mujoco.forward import Forward
 from tog_mjx.engines.c_mujoco.held import Held, instantiated, is_moved
 from tog_mjx.engines.c_mujoco.linearise import NO_SECOND, slopes
+from tog_mjx.engines.c_mujoco.switching import check_jumps
 from tog_mjx.running.errors import InputError
 
 
@@ -39,6 +40,8 @@ def _push(forward: Forward, primals: tuple[Any, ...], tangents: tuple[Any, ...])
     state, controls, held = primals
     (moved, steered), numbers = map(instantiated, tangents[:2]), tangents[2][:2]
     is_held = is_moved(numbers)
+    if forward.differentiation == "saltation":
+        check_jumps(forward.model, is_held)
     after = motion(forward, state, controls, held)
     before = jnp.concatenate([state[None], after[:-1]])
     last = int(forward.ends[-1])
