@@ -109,6 +109,44 @@ def test_a_difference_that_crosses_a_touch_is_not_taken(height):
         np.testing.assert_allclose(gradient, [1, 0.005], rtol=1e-7)
 
 
+SEESAW = """
+<mujoco>
+  <option timestep="0.005" gravity="0 0 0"/>
+  <worldbody><geom type="plane" size="5 5 0.1" solref="{law}"/>
+    <body pos="0 0 0.1"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
+      <geom size="0.1" pos="1 0 0" mass="1" solref="{law}"/>
+      <geom size="0.1" pos="{left} 0 0" mass="1" solref="{law}"/></body>
+  </worldbody>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("law", "left", "speed"),
+    [
+        ("-2000 -100", -1, -0.2),  # It falls, with both ends at the floor: tilted either way, one is held at once.
+        ("-2000 -1", -0.5, 0.0),  # It stands: tilted, one end or the other is pressed the more the farther.
+    ],
+)
+def test_where_it_jumps_or_bends_to_both_sides_the_slope_is_that_beyond_and_the_mean(law, left, speed):
+    model = mujoco.MjModel.from_xml_string(SEESAW.format(law=law, left=left))
+
+    def after(tilt: float) -> float:
+        data = mujoco.MjData(model)
+        data.qpos[1], data.qvel[0] = tilt, speed
+        mujoco.mj_step(model, data)
+        return float(data.qpos[1])
+
+    sides = [(after(sign * 2e-6) - after(sign * 1e-6)) / (sign * 1e-6) for sign in (1, -1)]
+    jump = np.abs(after(1e-9) - after(-1e-9))
+    assert (jump > 1e-4) == (speed != 0)
+    assert (abs(sides[0] - sides[1]) > 5e-3) == (speed == 0)
+    start = mujoco.MjData(model)
+    start.qvel[0] = speed
+    problem = tog.Problem(model, 1, tog.Start("qpos[1]"), cost=lambda last: last.qpos[1], start=start)
+    for gradient in in_both_modes(tog.objective(problem, "mujoco"), np.zeros(1)):
+        np.testing.assert_allclose(gradient, np.mean(sides), rtol=1e-5)
+
+
 @pytest.mark.parametrize(
     ("of", "message"),
     [

@@ -148,10 +148,16 @@ def _apart(both: Float[np.ndarray, "2 N n m"]) -> np.ndarray:
 
 
 def _settled(coarse: Float[np.ndarray, "2 N n m"], fine: Float[np.ndarray, "2 N n m"]) -> np.ndarray:
-    """The mean with the small step, [N, n, m]; of variables that are apart even then, the steadier side."""
+    """The mean with the small step, [N, n, m]; of variables that are apart even then, at a kink, the mean of its sides,
+    and at a jump the side without it, or, if both sides jump, the slope beyond."""
+    # Of the values at both steps of one side: what has jumped before either is in none of it.
+    beyond = (STEP * coarse - FINE * fine) / (STEP - FINE)
     drift = np.linalg.norm(coarse - fine, axis=2)
-    steadier = np.where((drift[0] < drift[1])[:, None], *coarse)
-    return np.where(_apart(fine)[:, None], steadier, fine.mean(0))
+    size = np.maximum(np.linalg.norm(beyond, axis=2), 1.0)
+    is_kink = (drift <= APART * size).all(axis=0)
+    steadier = np.where((drift[0] < drift[1])[:, None], *beyond)
+    sides = np.where(is_kink[:, None], beyond.mean(0), steadier)
+    return np.where(_apart(fine)[:, None], sides, fine.mean(0))
 
 
 def _in_positions(model: mujoco.MjModel, before: np.ndarray, after: np.ndarray, found: Slopes) -> Slopes:

@@ -79,11 +79,9 @@ def _linearised(
     m = held.change.size + held.mocap.size if is_held else 0
 
     def run(before: np.ndarray, after: np.ndarray, controls: np.ndarray, *held: np.ndarray) -> list[np.ndarray]:
-        before, after, controls = (
-            some.reshape(len(some) * steps, -1 if some.size else 0) for some in (before, after, controls)
-        )
-        rows = np.repeat(np.concatenate(held, axis=1), steps, axis=0)
-        return list(slopes(forward, before, after, controls, rows, is_held=is_held))
+        count = len(before) * steps
+        rows = (some.reshape(count, some.shape[-1]) for some in (before, after, controls))
+        return list(slopes(forward, *rows, np.repeat(np.concatenate(held, axis=1), steps, axis=0), is_held=is_held))
 
     shapes = [(steps, n, n), (steps, n, nu), (steps, 1 + n, m)]
     return outside.call(run, forward.identity, shapes, before, after, controls, *held)
