@@ -1,6 +1,6 @@
 """Can the gradient of this scene be trusted? A preflight, a dozen checks, and one line: the verdict.
 
-Any MJCF file that MJX can simulate, or a problem of your own, as my_problem.py:push. Exit status: 0 trust, 1 trust with
+Any MJCF file, or a problem of your own, as my_problem.py:push. Exit status: 0 trust, 1 trust with
 care, 3 do not trust, 2 for bad input.
 """
 
@@ -20,9 +20,8 @@ from rich.console import Console
 from rich.text import Text
 
 from tog_mjx.checks.function_verdict import check
-from tog_mjx.checks.scene_verdict import check_scene
+from tog_mjx.checks.scene_verdict import ENGINES, check_scene
 from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict
-from tog_mjx.drawing.report.verdict_page import write_verdict
 from tog_mjx.mjcf.keyframes import keyframe_start, saved_start
 from tog_mjx.mjcf.scene import compile_model, scene_path
 from tog_mjx.problems import Problem
@@ -56,6 +55,8 @@ def main() -> None:
     if args.json:
         write_json(args.json, verdict)
     if args.html:
+        from tog_mjx.drawing.report.verdict_page import write_verdict  # Libraries that draw take half a second to load.
+
         write_verdict(args.html, path.stem, verdict.line, verdict.as_json())
     sys.exit(verdict.exit_status)
 
@@ -74,6 +75,7 @@ def _of_scene(args: argparse.Namespace, path: Path, report: Report) -> Verdict:
         quick=args.quick,
         estimators=args.estimators,
         report=report,
+        engine=args.engine,
     )
 
 
@@ -85,7 +87,7 @@ def _of_problem(args: argparse.Namespace, report: Report) -> Verdict:
     if args.quick:
         raise InputError("argument --quick: a problem's checks are quick ones; leave it out")
     with jax.enable_x64():
-        return check(Problem.load(args.scene), estimators=args.estimators, report=report)
+        return check(Problem.load(args.scene), estimators=args.estimators, report=report, engine=args.engine)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -97,6 +99,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--wrt", help=f"{', '.join(OF_DATA)} or {fields} ({default})")
     parser.add_argument("--output", help="qpos, qvel, acc, a site or a sensor (default: qpos)")
     parser.add_argument("--cost", metavar="FILE.py:FUNCTION", help="of the last mjx.Data; in place of --output")
+    parser.add_argument("--engine", choices=ENGINES, default=ENGINES[0], help="mujoco: C MuJoCo (default: %(default)s)")
     parser.add_argument("--differentiation", choices=list(DIFFERENTIATIONS), help="default: implicit")
     begin = parser.add_mutually_exclusive_group()
     begin.add_argument("--state", type=Path, metavar="FILE", help="a .npz or .json with qpos, qvel, act, ctrl")

@@ -132,9 +132,8 @@ TWO_BALLS = """<mujoco>
 def slid(geom: str, friction: str, factor: float) -> np.ndarray:
     """Positions after 0, 10, ..., 100 steps, with contacts so many times as stiff and all else as much faster."""
     model = mujoco.MjModel.from_xml_string(TWO_BALLS.format(geom=geom, friction=friction))
-    changed = stiffer(put_model(model), factor)
-    for name in ("geom_solref", "pair_solref", "pair_solreffriction"):
-        getattr(model, name)[:] = getattr(changed, name)
+    for name, changed in stiffer(model, factor).items():
+        getattr(model, name)[:] = changed
     model.opt.timestep /= factor**0.5
     model.opt.gravity *= factor
     data = mujoco.MjData(model)

@@ -37,20 +37,22 @@ def check(
     estimators: bool = False,
     second_order: bool = False,
     report: Report | None = None,
+    engine: str = "mjx",
 ) -> Verdict:
     """Can the gradient of `objective` at x be trusted?
 
     It is run in the precision of JAX's x64 flag as it stands; float64 tells more.
 
     Args:
-      objective: a JAX function of an array [n], or of a pytree; its value is a number or an array [m]. Or a Problem, on
-        MJX: its variables have names and sizes of their own, and its guess stands for an x that is None.
+      objective: a JAX function of an array [n], or of a pytree; its value is a number or an array [m]. Or a Problem:
+        its variables have names and sizes of their own, and its guess stands for an x that is None.
       x: the point, a vector [n], or any pytree of arrays: all of them as floats. Of more numbers than DIRECTIONS the
         verdict names the leaves, where there are no more than so many.
       estimators: ask too whether to follow this gradient or a stochastic one, see `checks.measured.estimators`;
         of several values, to lower the one whose derivative is largest.
       second_order: check second derivatives too, of a fixed random sum of several values: what Newton's method uses.
       report: called with a check's name before it runs, and again with its finding.
+      engine: what moves a Problem, see `tog.objective`.
 
     Raises:
       InputError: for an x that holds what are no finite real numbers, and a function that fails or returns none.
@@ -58,9 +60,11 @@ def check(
     function: Callable[..., Any]
     bound = None
     if isinstance(objective, Problem):
-        function, bound, x = problem_objective(objective), objective.bound, objective.x0 if x is None else x
+        function, bound, x = problem_objective(objective, engine), objective.bound, objective.x0 if x is None else x
     else:
         function = objective
+        if engine != "mjx":
+            raise InputError(f"engine={engine!r} is for a Problem; a function has chosen its own")
     require_kind("the objective", function, Callable, "give a function of an array or a pytree, or a Problem")
     given = variables(x)
     point = given.point
@@ -92,13 +96,15 @@ def check(
         "reverse mode": lambda: reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }
+    if engine == "mujoco":
+        del checks["precision"]  # It computes in float64, whatever the flag.
     if second_order:
         checks["second order"] = lambda: check_second_order(flat, point, directions)
     if estimators:
         lowered = outputs if value.size > 1 else ("it",)
         checks["estimators"] = lambda: which_to_follow(values, flat, point, scale, slopes, jumps, lowered)
     findings = tuple(reported(some, run, say) for some, run in checks.items())
-    subject = f"{name} in {point.size} variables"
+    subject = f"{name} in {point.size} variables" + ", through C MuJoCo" * (engine == "mujoco")
     return Verdict(subject, findings, names, outputs, value.tolist(), (slopes / lengths).tolist(), lengths.tolist())
 
 

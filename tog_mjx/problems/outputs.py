@@ -45,18 +45,18 @@ class Outputs:
             return (getattr(self.output, "__name__", "cost"),)
         name = array_name(self.output)
         every = [f"{name}[{i}]" for i in range(self._shape[0])]
-        if self._source[0] == "site":
+        if self.source[0] == "site":
             every = [f"{name}.{axis}" for axis in "xyz"]
-        return tuple(every[i] for i in entries(self.output, self._shape))
+        return tuple(every[i] for i in self.chosen)
 
     @property
     def bodies(self) -> Int[np.ndarray, " m"]:
         """What each of y [m] is of, by number: of positions, velocities and accelerations the tree of bodies that are
         joined."""
-        if not isinstance(self.output, str) or self._source[0] not in _SIZES:
+        if not isinstance(self.output, str) or self.source[0] not in _SIZES:
             return np.zeros(len(self.names), int)
         trees = self.model.dof_treeid
-        if self._source[0] == "qpos":
+        if self.source[0] == "qpos":
             sizes = np.diff([*self.model.jnt_qposadr, self.model.nq])
             trees = np.repeat(trees[self.model.jnt_dofadr], sizes)
         return trees[entries(self.output, trees.shape)]
@@ -73,7 +73,7 @@ class Outputs:
         """y of a State of any engine; errors are those of `observe`."""
         if not isinstance(self.output, str):
             return number(f"the cost {self.names[0]}", self.output, state.data)[None].astype(float)
-        kind, name = self._source
+        kind, name = self.source
         match kind:
             case "acc":
                 every = state.qacc
@@ -83,17 +83,22 @@ class Outputs:
                 every = state.site(name)
             case _:
                 every = getattr(state, kind)
-        return every[entries(self.output, self._shape)]
+        return every[self.chosen]
 
     @property
-    def _source(self) -> tuple[str, str]:
+    def chosen(self) -> Int[np.ndarray, " m"]:
+        """Which numbers of its source y are."""
+        return entries(str(self.output), self._shape)
+
+    @property
+    def source(self) -> tuple[str, str]:
         """One of _SIZES, or "site" or "sensor", and its name."""
         name = array_name(str(self.output))
         return (name, name) if name in _SIZES else _found(self.model, name)
 
     @property
     def _shape(self) -> tuple[int]:
-        kind, name = self._source
+        kind, name = self.source
         if kind in _SIZES:
             return (getattr(self.model, _SIZES[kind]),)
         return (3 if kind == "site" else int(self.model.sensor(name).dim[0]),)

@@ -207,12 +207,17 @@ _ROWS = {
 
 
 def absent(question: Question) -> Iterator[Spoiler]:
-    """Parameters of constraints that are not there, or of forces that MJX lacks."""
+    """Parameters of constraints that are not there."""
     model, array, asked = question.model, question.array, question.chosen
     if array in _ROWS and (missing := int((asked.reshape(len(asked), -1).any(axis=1) & ~_ROWS[array](model)).sum())):
         what = f"{array}: {missing} of its entries are of no constraint, so their derivative is zero"
         remedy = "give the scene a small friction loss, or a limit, where one is meant"
         yield Spoiler(Culprit(what), remedy, measured_by="zeros" if array in ("jnt_range", "tendon_range") else "")
+
+
+def without_fluid(question: Question) -> Iterator[Spoiler]:
+    """Parameters of forces that MJX lacks."""
+    model, array = question.model, question.array
     if array in FLUID and model.opt.integrator == mjx.IntegratorType.IMPLICITFAST:
         what = f"{array}: with the integrator implicitfast MJX has no fluid, so its derivative is zero"
         yield Spoiler(Culprit(what), "set integrator='Euler'")
@@ -250,6 +255,7 @@ def infinite_stiffness(question: Question) -> Iterator[Spoiler]:
             yield of_one(model, "body", body, told, remedy)
 
 
+OF_MJX = (without_fluid,)
 DETECTORS = (
     stiff_constraints, stiff_springs, saturated_actuators, touching_exactly, limits_met, infinite_stiffness, ties,
     absent, followers,

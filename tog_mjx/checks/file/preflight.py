@@ -65,6 +65,7 @@ def preflight(
     data: mujoco.MjData | None = None,
     wrt: str | Displacements = "",
     differentiation: str = "implicit",
+    engine: str = "mjx",
 ) -> list[Remark]:
     """Reads a scene, and compiles nothing; the gravest remarks come first.
 
@@ -75,13 +76,14 @@ def preflight(
       wrt: the variables of the derivative ("ctrl", "geom_friction[1, 0]", ...): some features spoil those in one field,
         or in one number of it, alone. Or the `Displacements` themselves.
       differentiation: "implicit", "saltation" or "native", see `tog.step`.
+      engine: "mjx", or "mujoco": what concerns MJX alone is then left out.
 
     Raises:
       InputError: for a `wrt` that is not in the scene.
     """
     lines = Lines(model, path)
     remarks = []
-    for find, remedy in _REFUSED.items():
+    for find, remedy in _REFUSED.items() if engine == "mjx" else ():
         refused = [Spoiler(culprit, remedy, Level.FAULT) for culprit in find(model)]
         remarks += [_remark(lines, spoiler, find is unsupported) for spoiler in _grouped(model, refused)]
     if not any(remark.blocks for remark in remarks):
@@ -90,12 +92,13 @@ def preflight(
             array, chosen = (x.array, x.mask) if x else ("", np.zeros(0, bool))
             parameter = x.parameter if x else None
             question = Question(model, _state(model, data), array, chosen, differentiation, parameter)
-            remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, _spoilers(question))]
+            remarks += [_remark(lines, spoiler) for spoiler in _grouped(model, _spoilers(question, engine))]
     return sorted(remarks, key=lambda remark: (-remark.blocks, -remark.level))
 
 
-def _spoilers(question: Question) -> Iterator[Spoiler]:
-    for detector in (*spoilers.DETECTORS, *parameters.DETECTORS):
+def _spoilers(question: Question, engine: str) -> Iterator[Spoiler]:
+    of_mjx = (*spoilers.OF_MJX, *parameters.OF_MJX) if engine == "mjx" else ()
+    for detector in (*of_mjx, *spoilers.DETECTORS, *parameters.DETECTORS):
         yield from detector(question)
 
 

@@ -57,7 +57,7 @@ _ITERATED = ("cylinder", "ellipsoid")
 _MANY_VERTICES = 200
 """Of a hull: MJX goes through pairs of edges, so that time and memory grow with the square."""
 EQUALITY_REMEDY = "use a joint, or a shorter time constant in its solref, by which it gives way less"
-_FEW_ITERATIONS = {mjx.SolverType.NEWTON: 5, mjx.SolverType.CG: 20}
+_FEW_ITERATIONS = {mujoco.mjtSolver.mjSOL_NEWTON: 5, mujoco.mjtSolver.mjSOL_CG: 20, mujoco.mjtSolver.mjSOL_PGS: 20}
 """Fewer may leave contacts unconverged. Whether they do, the check of the solver measures, in every scene: nothing is
 lost if this is told in vain, or not told."""
 COARSE = 0.3
@@ -134,7 +134,7 @@ def solver(question: Question) -> Iterator[Spoiler]:
     option = question.model.opt
     if not has_constraints(question.model):
         return
-    few = _FEW_ITERATIONS[mjx.SolverType(option.solver)]
+    few = _FEW_ITERATIONS[int(option.solver)]
     for attribute, least in (("iterations", few), ("ls_iterations", SHORT_SEARCH)):
         if (given := getattr(option, attribute)) < least:
             what = f"<option {attribute}='{given}'>: the solver may stop before it has converged"
@@ -243,7 +243,9 @@ def _geoms(geoms: tuple[int, int]) -> tuple[tuple[str, int], ...]:
     return tuple(("geom", geom) for geom in geoms)
 
 
-DETECTORS = (
-    native, passive_flags, solver, collisions, large_meshes, contact_limits, upright_capsules, differences_from_c,
-    tendons_without_direction, clamped_tendons, drifting_equalities, far_away,
+OF_MJX = (
+    native, passive_flags, collisions, large_meshes, contact_limits, upright_capsules, differences_from_c,
+    clamped_tendons, drifting_equalities, far_away,
 )  # fmt: skip
+"""Of what only MJX does, or only float32."""
+DETECTORS = (solver, tendons_without_direction)

@@ -32,8 +32,11 @@ make one large displacement, and few descents take 1,000."""
 TINY = 1e-6
 """Steps below a millionth see pieces that no descent meets: MJX takes lengths and rotations below 1e-8 for zero, and
 what moves is flat there. Differences mean these only where no longer ones settle."""
+ROUNDED = 1e-14
+"""Change of a value, relative to all of them, that is none: sums in another order leave some ulps of float64."""
 _SIZE = "a variable's size"
 """What steps are relative to: the length of a direction."""
+REMEDY = "see 'solver' and 'differentiation': a converged solver, or tog.step, may mend it"
 OUTSIDE = "neither, nor between them"
 
 
@@ -64,12 +67,14 @@ def sweep(
     found = np.asarray(values(points))
     centre, (ahead, behind) = found[0], found[1:].reshape(2, len(steps), k, -1)
     h = steps[:, None, None]
-    constant = ((ahead == centre) & (behind == centre)).all(axis=0).T
+    rounded = ROUNDED * np.linalg.norm(centre)
+    constant = ((np.abs(ahead - centre) <= rounded) & (np.abs(behind - centre) <= rounded)).all(axis=0).T
     return Sweep(steps, np.swapaxes(ahead - centre, 1, 2) / h, np.swapaxes(centre - behind, 1, 2) / h, constant)
 
 
-def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
-    """Does the gradient agree with differences, and over which distance does it hold?"""
+def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep, remedy: str = REMEDY) -> Finding:
+    """Does the gradient agree with differences, and over which distance does it hold? With the `remedy` of one that is
+    wrong."""
     central = differences.central
     errors = np.array([relative(slopes, some) for some in central])
     changes = settling(differences)
@@ -94,8 +99,8 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
         )
     if error <= max(ACCEPTED, 10 * settled) and settled <= SETTLED:
         if holds.max() < NARROW:
-            remedy = "treat it as the gradient of a short piece: take small steps, or smooth the objective"
-            return say(Level.CARE, f"autodiff agrees with differences to {error:.0e}, but {reach} only", remedy)
+            short = "treat it as the gradient of a short piece: take small steps, or smooth the objective"
+            return say(Level.CARE, f"autodiff agrees with differences to {error:.0e}, but {reach} only", short)
         return say(
             Level.FINE,
             f"autodiff agrees with central differences to {error:.0e} (at a step of {step:.0e} of {_SIZE}); {reach}",
@@ -108,7 +113,7 @@ def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep) -> Finding:
         return say(
             Level.FAULT,
             told + f"differences settle elsewhere, to {settled:.0e} at a step of {step:.0e} of {_SIZE}",
-            "see 'solver' and 'differentiation': a converged solver, or tog.step, may mend it",
+            remedy,
         )
     # What is right at no step is confirmed by none; what is right over some is a gradient between jumps.
     return say(

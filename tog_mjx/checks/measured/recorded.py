@@ -4,64 +4,29 @@ One compiled program serves most checks: the model, the state to start from and 
 """
 
 import dataclasses
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from tog_mjx.checks.measured.motion import NEVER, QUANTITIES, SAMPLES, Motion, Recorder
 from tog_mjx.checks.step_check import compile_quickly
 from tog_mjx.problems.scene_function import SceneFunction
 from tog_mjx.running.batches import call_in_chunks
 from tog_mjx.stepping._mjx import constraint_rows, contacts, mjx, put_model
 from tog_mjx.stepping.constraints import constraint_hessian, read_rows, residual
 from tog_mjx.stepping.implicit import STEPS
-from tog_mjx.stepping.mjx_state import MOVING, STATE, on_mjx, state_of
+from tog_mjx.stepping.mjx_state import INPUTS, MOVING, STATE, on_mjx, state_of
 from tog_mjx.stepping.tangents import in_velocity_space, state_basis
 
 _CHUNK = 32
-SAMPLES = 100
-"""Times at which a motion is recorded."""
-QUANTITIES = ("collision", "smooth dynamics", "constraints", "solver", "integrator")
-"""Stages of a step, in their order."""
-NEVER = np.iinfo(np.int32).max
-"""The step of what does not happen."""
 
 
-class Motion(NamedTuple):
-    """Of S samples, k directions of the variables and s of the initial state.
-
-    value [m], slopes [m, k]; `bad_value` and `bad_slope` [Q] are the first steps at which a quantity or its derivative
-    is not finite, by QUANTITIES, or NEVER. `times` [S] are steps, and `states` [S, ...] the states there, by
-    `tog_mjx.stepping.mjx_state.STATE`; `moved` [S, k] the norms of the state's derivative along the directions;
-    `jacobians` [S, 2 nv + na, s] that of the state in the initial one, both in velocity space.
-    Over the motion: the least distance [C] of each candidate contact, of the surfaces and less the margin (below zero
-    there is a force); the step of it, and the geoms [C, 2]; and the largest Newton correction that the solver's
-    answers still ask for, relative to the acceleration.
-    """
-
-    value: np.ndarray
-    slopes: np.ndarray
-    bad_value: np.ndarray
-    bad_slope: np.ndarray
-    times: np.ndarray
-    moved: np.ndarray
-    jacobians: np.ndarray
-    states: dict[str, np.ndarray]
-    distance: np.ndarray
-    distance_step: np.ndarray
-    geoms: np.ndarray
-    correction: np.ndarray
-
-    def at(self, sample: int | np.integer) -> dict[str, Any]:
-        """One of the states."""
-        return {name: values[sample] for name, values in self.states.items()}
-
-
-class Simulation:
-    """A scene function, compiled for `directions` [n, k]; `states` adds those of the initial state, 2 nv + na."""
+class Simulation(Recorder):
+    """On MJX, compiled; `states` adds directions of the initial state, 2 nv + na."""
 
     def __init__(self, scene: SceneFunction, directions: Float[np.ndarray, "n k"], states: bool = True):
         self.scene, self.directions = scene, directions
@@ -73,8 +38,7 @@ class Simulation:
         self._run = compile_quickly(self._motion)
         self._batch = compile_quickly(jax.vmap(self.value))
 
-    def run(self, model: mjx.Model | None = None, steps: int | None = None, start: dict | None = None) -> Motion:
-        """The motion of another model (its arrays may differ), of so many steps, from another state."""
+    def run(self, model: Any = None, steps: int | None = None, start: dict | None = None) -> Motion:
         data = self.data.replace(**(start or {}))
         record = self._run(model or self.model, data, self._tangents(data), steps or self.scene.steps)
         found = jax.tree.map(np.asarray, record)
@@ -94,16 +58,13 @@ class Simulation:
         return Motion(**{name: changed[name] if name in changed else found[name] for name in Motion._fields})
 
     def differentiated(self, differentiation: str) -> Motion:
-        """The same motion, differentiated otherwise."""
         scene = dataclasses.replace(self.scene, differentiation=differentiation)
         return Simulation(scene, self.directions, states=False).run()
 
     def values(self, points: Float[np.ndarray, "N n"]) -> Float[np.ndarray, "N m"]:
-        """y at displacements x."""
         return call_in_chunks(self._batch, points, _CHUNK)
 
     def value(self, x: Float[Array, " n"]) -> Float[Array, " m"]:
-        """y at a displacement, differentiable in both modes."""
         model, data = self.scene.place(self.model, self.data, x)
         state, _ = jax.lax.scan(
             lambda state, _: (_advance(self.scene, model, data.replace(**state))[0], None),
@@ -111,6 +72,15 @@ class Simulation:
             length=self.scene.steps,
         )
         return self.scene.y.observe(model, data.replace(**state))
+
+    def changed(self, numbers: Mapping[str, Any]) -> mjx.Model:
+        # Arrays of the model's own kind: a plain float would compile the motion again.
+        arrays = {name: x if isinstance(x, int) else jnp.asarray(x, float) for name, x in numbers.items()}
+        return self.model.tree_replace(arrays)
+
+    def displaced(self, x: Float[np.ndarray, " n"]) -> tuple[mjx.Model, dict[str, Any]]:
+        model, data = self.scene.place(self.model, self.data, jnp.asarray(x))
+        return model, {**state_of(data), **{name: np.asarray(getattr(data, name)) for name in INPUTS}}
 
     def _tangents(self, data: mjx.Data) -> dict[str, Array]:
         """Tangents of the initial state [K, ...] beside those that the variables bring."""

@@ -5,7 +5,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tog_mjx.checks.measured.recorded import NEVER, QUANTITIES, Motion, Simulation
+from tog_mjx.checks.measured.motion import NEVER, QUANTITIES, Motion, Recorder
 from tog_mjx.checks.told.finding import Finding, Level
 from tog_mjx.mjcf.supported import geoms_named
 
@@ -25,7 +25,7 @@ def finite(motion: Motion) -> Finding:
     for what, bad in (("value", motion.bad_value), ("gradient", motion.bad_slope)):
         first = int(bad.min())
         if first != NEVER:
-            stage = QUANTITIES[int(bad.argmin())]
+            stage = QUANTITIES[int(bad.argmin())] if len(bad) == len(QUANTITIES) else ""
             remedy = (
                 "the motion itself diverges: reduce the time step, or check the state"
                 if what == "value"
@@ -33,7 +33,7 @@ def finite(motion: Motion) -> Finding:
                 if stage == "solver"
                 else "see 'preflight'"
             )
-            sentence = f"the {what} is NaN or infinite from step {first} on, first in its {stage}"
+            sentence = f"the {what} is NaN or infinite from step {first} on" + (stage and f", first in its {stage}")
             return Finding("finite", Level.FAULT, sentence, float(first), remedy)
     if not (np.isfinite(motion.value).all() and np.isfinite(motion.slopes).all()):
         remedy = "look at the cost: a norm or a root at zero needs a safe gradient"
@@ -43,7 +43,7 @@ def finite(motion: Motion) -> Finding:
     return Finding("finite", Level.FINE, "value and gradient are finite at every step")
 
 
-def contacts(simulation: Simulation, motion: Motion) -> Finding:
+def contacts(simulation: Recorder, motion: Motion) -> Finding:
     """How deep bodies sink into each other, or into the margin in which they already push each other."""
     if not motion.distance.size:
         return Finding("contacts", Level.FINE, "no two geoms of the scene can touch")
@@ -65,7 +65,7 @@ def contacts(simulation: Simulation, motion: Motion) -> Finding:
     return Finding("contacts", Level.CARE, sentence, depth, remedy)
 
 
-def untouched(simulation: Simulation, motion: Motion) -> str:
+def untouched(simulation: Recorder, motion: Motion) -> str:
     """What comes nearest of all that does not touch."""
     distance = np.where(motion.distance >= 0, motion.distance, np.inf)
     if not np.isfinite(distance).any():
@@ -91,7 +91,7 @@ def _thickness(model: mujoco.MjModel, geom: int) -> float:
     return float(min(model.geom_size[geom][: radii.get(kind, 3)]))
 
 
-def growth(simulation: Simulation, motion: Motion) -> Finding:
+def growth(simulation: Recorder, motion: Motion) -> Finding:
     """How a change of the initial positions grows or dies out, and how long a horizon is worth differentiating."""
     nv = simulation.scene.model.nv
     if nv == 0:

@@ -2,14 +2,13 @@
 
 from collections import Counter
 
-import jax.numpy as jnp
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.checks.measured.recorded import Motion, Simulation
+from tog_mjx.checks.measured.motion import Motion, Recorder
 from tog_mjx.mjcf.supported import geoms_named, name_of
-from tog_mjx.stepping.mjx_state import INPUTS, copy_of, state_of
+from tog_mjx.stepping.mjx_state import INPUTS, copy_of
 
 NOTHING = 1e-9
 """Distance of two states that counts as none: the variables to either side of a jump differ by ten times as much."""
@@ -19,7 +18,7 @@ _LIMITS = {
 }
 
 
-def touch_down(simulation: Simulation, before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]) -> str:
+def touch_down(simulation: Recorder, before: Float[np.ndarray, " n"], after: Float[np.ndarray, " n"]) -> str:
     """What begins or ceases to touch, and in which step, on one side of a jump alone: `before` and `after` are
     displacements to either side of it. Empty if nothing is found that does."""
     sides = [_Side(simulation, x) for x in (before, after)]
@@ -43,11 +42,10 @@ def touch_down(simulation: Simulation, before: Float[np.ndarray, " n"], after: F
 class _Side:
     """The motion at a displacement, and what acts in its states."""
 
-    def __init__(self, simulation: Simulation, x: np.ndarray):
+    def __init__(self, simulation: Recorder, x: np.ndarray):
         self.simulation = simulation
-        self.model, data = simulation.scene.place(simulation.model, simulation.data, jnp.asarray(x))
-        self.inputs = {name: np.asarray(getattr(data, name)) for name in INPUTS}
-        self.start = {**state_of(data), **self.inputs}
+        self.model, self.start = simulation.displaced(x)
+        self.inputs = {name: self.start[name] for name in INPUTS}
         parameter = simulation.scene.x.parameter
         self.c_model = parameter.in_c(parameter.value + x) if parameter else simulation.scene.model
 
@@ -55,7 +53,7 @@ class _Side:
         return self.simulation.run(self.model, steps, {**self.start, **(motion.at(sample) if motion else {})})
 
     def acting(self, motion: Motion, sample: int) -> Counter[str]:
-        """Contacts (those of MJX) and limits that have a force in the step from a sample on, by name."""
+        """Contacts (those of the engine) and limits that have a force in the step from a sample on, by name."""
         model = self.c_model
         one = self.run(1, motion, sample)
         names = [geoms_named(model, pair) for pair in one.geoms[one.distance < 0].tolist()]

@@ -3,14 +3,15 @@
 from collections.abc import Sequence
 
 import jax
+import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.checks.measured.agreement import relative
-from tog_mjx.checks.measured.recorded import Motion, Simulation
+from tog_mjx.checks.measured.motion import Motion, Recorder
+from tog_mjx.checks.measured.recorded import Simulation
 from tog_mjx.checks.measured.single import judge_single
 from tog_mjx.checks.told.finding import Finding, Level
-from tog_mjx.stepping._mjx import mjx
 
 STEADY = 0.1
 """Change of the gradient by half the time step that is believed: a step along it is off by 6 degrees or 10 % of its
@@ -36,7 +37,7 @@ GRAVE = 0.05
 point, and more iterations cost little."""
 
 
-def time_step(simulation: Simulation, motion: Motion) -> Finding:
+def time_step(simulation: Recorder, motion: Motion) -> Finding:
     """Does the gradient converge as the time step is halved, at the same horizon? If not: until it settles.
 
     A motion of one step is not: it is that map which is asked for, and not its limit, in which an activation reaches
@@ -49,7 +50,7 @@ def time_step(simulation: Simulation, motion: Motion) -> Finding:
     most = max(2, min(HALVINGS, int(np.log2(LONGEST / simulation.scene.steps))))
     while len(changes) < 2 or (len(changes) < most and np.max(changes[-2:]) > STEADY):
         factor = 2 ** len(found)
-        finer = simulation.model.tree_replace({"opt.timestep": simulation.model.opt.timestep / factor})
+        finer = simulation.changed({"opt.timestep": simulation.scene.model.opt.timestep / factor})
         found.append(simulation.run(finer, simulation.scene.steps * factor).slopes)
         changes.append(relative(found[-2], found[-1]))
     sizes = [float(np.linalg.norm(some)) for some in found]
@@ -93,13 +94,12 @@ def judge_time_step(changes: Sequence[float], dt: float, steps: int, curves: dic
     return say(Level.FAULT, sentence, remedy)
 
 
-def stiffness(simulation: Simulation, motion: Motion) -> Finding:
+def stiffness(simulation: Recorder, motion: Motion) -> Finding:
     """How far does the gradient depend on the contact's stiffness, a number that is rarely measured?"""
     if not (motion.distance < 0).any():
         return Finding("stiffness", Level.FINE, "nothing touches, so the contact's stiffness has no part in it")
-    return judge_stiffness(
-        motion.slopes, *(simulation.run(stiffer(simulation.model, factor)).slopes for factor in (0.25, 4.0))
-    )
+    changed = [simulation.changed(stiffer(simulation.scene.model, factor)) for factor in (0.25, 4.0)]
+    return judge_stiffness(motion.slopes, *(simulation.run(model).slopes for model in changed))
 
 
 def judge_stiffness(
@@ -123,20 +123,20 @@ def judge_stiffness(
     return Finding("stiffness", Level.CARE, sentence, worst, remedy, curves)
 
 
-def stiffer(model: mjx.Model, factor: float) -> mjx.Model:
-    """With contacts of so many times the stiffness and the same damping ratio, the friction of `solreffriction` too:
-    the same motion, but `factor` ** 0.5 times as fast where all else is too."""
+def stiffer(model: mujoco.MjModel, factor: float) -> dict[str, np.ndarray]:
+    """Fields of the model that give contacts so many times the stiffness and the same damping ratio, the friction of
+    `solreffriction` too: the same motion, but `factor` ** 0.5 times as fast where all else is too."""
     names = [name for name in ("geom_solref", "pair_solref", "pair_solreffriction") if getattr(model, name).size]
-    return model.tree_replace({name: _scaled(getattr(model, name), factor) for name in names})
+    return {name: _scaled(getattr(model, name), factor) for name in names}
 
 
-def _scaled(solref: Float[jax.Array, "N 2"], factor: float) -> Float[jax.Array, "N 2"]:
+def _scaled(solref: Float[np.ndarray, "N 2"], factor: float) -> Float[np.ndarray, "N 2"]:
     """(time constant, damping ratio), or with negative numbers (-stiffness, -damping); zeros, which mean that friction
     follows the contact's solref, stay."""
     root = factor**0.5
     is_direct = solref[:, :1] <= 0
     direct, standard = np.array([factor, root]), np.array([1 / root, 1.0])
-    return jax.numpy.where(is_direct, solref * direct, solref * standard)
+    return np.where(is_direct, solref * direct, solref * standard)
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> float:
@@ -145,9 +145,9 @@ def _cosine(a: np.ndarray, b: np.ndarray) -> float:
     return float((a * b).sum() / size) if size else 1.0
 
 
-def solver(simulation: Simulation, motion: Motion, most: int = 4) -> Finding:
+def solver(simulation: Recorder, motion: Motion, most: int = 4) -> Finding:
     """Has the constraint solver converged at every step? If not: double its iterations until the gradient settles."""
-    correction, opt = float(motion.correction), simulation.model.opt
+    correction, opt = float(motion.correction), simulation.scene.model.opt
     if correction <= CONVERGED:
         sentence = f"the solver's answers are within {correction:.0e} of the exact ones at every step"
         return Finding("solver", Level.FINE, sentence, correction)
@@ -155,7 +155,7 @@ def solver(simulation: Simulation, motion: Motion, most: int = 4) -> Finding:
     while len(numbers) <= most and float(found[-1].correction) > CONVERGED and not _settled(found):
         numbers.append(2 * numbers[-1])
         options = {"opt.iterations": numbers[-1], "opt.ls_iterations": line_search}
-        found.append(simulation.run(simulation.model.tree_replace({**options, "opt.tolerance": opt.tolerance * 1e-3})))
+        found.append(simulation.run(simulation.changed({**options, "opt.tolerance": opt.tolerance * 1e-3})))
     curves = {
         "iterations": [float(n) for n in numbers],
         "gradient norm": [float(np.linalg.norm(some.slopes)) for some in found],

@@ -1,0 +1,176 @@
+"""Verdicts on gradients through C MuJoCo: of scenes whose fault, or lack of one, is known, also of those that MJX
+refuses."""
+
+import tomllib
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+from c_mujoco_scenes import BODIES
+from test_check_scene import validate_verdict
+
+import tog_mjx as tog
+from tog_mjx.checks.measured.linearised import Linearised
+from tog_mjx.mjcf.keyframes import keyframe_start
+from tog_mjx.mjcf.scene import compile_model
+from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.stepping.mjx_state import copy_of, default_start
+
+GALLERY = Path(__file__).parent / "scenes" / "verdicts"
+SCENES = {scene["file"]: scene for scene in tomllib.loads((GALLERY / "expected.toml").read_text())["scene"]}
+OTHERWISE = {
+    "native_elliptic.xml": ("do not trust", "agreement"),  # Bounces, which NaN of stock MJX hides.
+    "far_from_origin.xml": ("do not trust", "agreement"),  # In float64 it is differences that are rounded.
+    "one_iteration.xml": ("trust", ""),  # One iteration of C MuJoCo's solver is enough.
+    "box_on_plane.xml": ("trust with care", "agreement"),
+    "unsupported.xml": ("trust", ""),
+}
+"""Scenes of which C MuJoCo's gradient deserves another verdict than MJX's."""
+RK4 = ("chaotic_pendulum.xml",)
+LONG = ("humanoid.xml", "throw.xml", "two_balls.xml")
+
+
+@pytest.fixture(scope="module")
+def compilations() -> list[str]:
+    """What JAX compiles from now on."""
+    found: list[str] = []
+
+    def heard(event: str, duration_secs: float, **_: str | int) -> None:
+        del duration_secs
+        if "backend_compile" in event:
+            found.append(event)
+
+    jax.monitoring.register_event_duration_secs_listener(heard)
+    jax.jit(lambda x: x + 1)(1.0)
+    assert found
+    return found
+
+
+@pytest.mark.parametrize("file", [file for file in SCENES if file not in (*RK4, *LONG)])
+def test_the_gallery_gets_its_verdicts_without_compiling(file, compilations):
+    scene, path = SCENES[file], GALLERY / file
+    model = compile_model(path)
+    compilations.clear()
+    asked = {name: scene[name] for name in ("steps", "wrt", "output")}
+    verdict = tog.check_scene(model, keyframe_start(model), path=path, engine="mujoco", **asked)
+    assert not compilations
+    word, check = OTHERWISE.get(file, (scene["verdict"], scene["check"]))
+    assert (verdict.word, verdict.reason.check if verdict.reason else "") == (word, check), verdict.line
+    assert verdict.subject.endswith(", through C MuJoCo")
+    for words in scene.get("words", ()):
+        assert words in verdict.line
+    validate_verdict(verdict.as_json())
+
+
+def test_the_gradient_is_the_one_that_the_engine_gives():
+    """In controls, positions in velocity space, velocities and activations; of positions, velocities, accelerations
+    and a site, all weighted; bodies turn."""
+    model = mujoco.MjModel.from_xml_string(BODIES.format(integrator="implicitfast"))
+    rng, start = np.random.default_rng(0), mujoco.MjData(model)
+    mujoco.mj_integratePos(model, start.qpos, rng.normal(size=model.nv), 1.0)
+    start.qvel[:], start.act[:], start.ctrl[:] = rng.normal(size=model.nv), 0.3, (0.2, -0.4)
+    weights = {name: rng.normal(size=k) for name, k in (("qpos", model.nq), ("qvel", 10), ("acc", 10), ("tip", 3))}
+
+    def cost(last: tog.State) -> jax.Array:
+        outputs = {"qpos": last.qpos, "qvel": last.qvel, "acc": last.qacc, "tip": last.site("tip")}
+        return jnp.stack([weights[name] @ output for name, output in outputs.items()]).sum()
+
+    kinds = {"ctrl": tog.Controls(), **{name: tog.Start(name) for name in ("qpos", "qvel", "act")}}
+    problem = tog.Problem(model, 20, [*kinds.values()], cost=cost, start=start)
+    expected = np.asarray(jax.grad(tog.objective(problem, "mujoco"))(jnp.asarray(problem.x0)))
+    assert np.abs(expected).min() > 1e-2  # Each variable counts.
+    slopes = []
+    for name, size in zip(kinds, (model.nu, model.nv, model.nv, model.na), strict=True):
+        scenes = {output: SceneFunction(model, start, 20, name, output) for output in weights}
+        found = {output: Linearised(scene, np.eye(size)).run().slopes for output, scene in scenes.items()}
+        slopes.append(sum(weights[output] @ some for output, some in found.items()))
+    np.testing.assert_allclose(np.concatenate(slopes), expected, rtol=1e-9, atol=1e-9)
+
+
+REFUSED = """
+<mujoco>
+  <option timestep="0.005" integrator="implicitfast" cone="elliptic" tolerance="1e-12"/>
+  <worldbody>
+    <geom name="table" type="box" size="1 1 0.1" pos="0 0 -0.1" solref="0.05 1"/>
+    <body pos="0 0 0.0495"><joint name="x" type="slide" axis="1 0 0" damping="0.1"/><joint type="slide" axis="0 0 1"/>
+      <geom name="can" type="cylinder" size="0.1 0.05" mass="1" solref="0.05 1"/></body>
+  </worldbody>
+  <actuator><motor name="push" joint="x" gear="20"/></actuator>
+  <keyframe><key ctrl="1"/></keyframe>
+</mujoco>"""
+"""A cylinder that slides on a box, pushed harder than friction holds."""
+
+
+def refused() -> tuple[mujoco.MjModel, mujoco.MjData]:
+    """With a state in which it neither bounces nor sticks."""
+    model = mujoco.MjModel.from_xml_string(REFUSED)
+    data = default_start(model)
+    mujoco.mj_step(model, data, 200)
+    return model, data
+
+
+def test_a_scene_that_mjx_refuses_is_judged():
+    """Its gradient is the difference of two whole motions. From where it slides evenly it is trusted; it bounces where
+    it is let fall."""
+    model, sliding = refused()
+    verdict = tog.check_scene(model, sliding, engine="mujoco", steps=40)
+    ends = []
+    for push in (1 + 1e-4, 1 - 1e-4):
+        data = copy_of(model, sliding, ctrl=np.array([push]))
+        mujoco.mj_step(model, data, 40)
+        ends.append(data.qpos[0])
+    assert ends[0] > sliding.qpos[0] + 0.1
+    np.testing.assert_allclose(verdict.gradient[0], (ends[0] - ends[1]) / 2e-4, rtol=1e-5)
+    assert verdict.word == "trust", str(verdict)
+    assert "preflight" not in [some.check for some in verdict.findings]
+    verdict = tog.check_scene(model, engine="mujoco", steps=40)
+    assert verdict.line.startswith("do not trust: the derivative is that between two jumps: d qpos[1] / d push is ")
+    assert "; geom table and geom can begin or cease to touch in step 17, at 0.085 s" in verdict.line
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"wrt": "body_mass[1]"}, "engine mujoco has derivatives in ctrl, qpos, qvel, act, and none in body_mass"),
+        ({"output": lambda data: data.qpos[0]}, "engine mujoco has no mjx.Data for a cost to see"),
+        ({"differentiation": "native"}, "engine 'mujoco' has no option 'differentiation'"),
+        ({"engine": "penalty"}, "engine='penalty' is unknown; choose from mjx, mujoco"),
+    ],
+)
+def test_what_it_cannot_judge_is_one_line(asked, message):
+    with pytest.raises(tog.InputError, match=message) as caught:
+        tog.check_scene(mujoco.MjModel.from_xml_string(REFUSED), steps=2, **{"engine": "mujoco", **asked})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_burst_is_told_with_its_step():
+    """A spring with which Euler's method swings a hundred times farther at each step, until MuJoCo gives up."""
+    xml = """<mujoco><option timestep="1" integrator="Euler"/><worldbody><body><joint type="slide" stiffness="1e2"/>
+      <geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    start = mujoco.MjData(model)
+    start.qpos[:] = 1.0
+    verdict = tog.check_scene(model, start, engine="mujoco", steps=10)
+    step = 0
+    while not start.warning.number.any():
+        mujoco.mj_step(model, start)
+        step += 1
+    assert 1 < step < 10
+    assert verdict.reason
+    assert verdict.reason.sentence == f"the value is NaN or infinite from step {step} on"
+
+
+def test_a_problem_is_judged_on_c_mujoco():
+    """Of a scene that MJX refuses; its gradient is that of J."""
+    model, sliding = refused()
+    problem = tog.Problem(model, 40, cost=lambda last: (last.qpos[0] - 1) ** 2, start=sliding)
+    verdict = tog.check(problem, np.array([1.2]), engine="mujoco")
+    J = tog.objective(problem, "mujoco")
+    np.testing.assert_allclose(verdict.gradient[0], (J(np.array([1.2001])) - J(np.array([1.1999]))) / 2e-4, rtol=1e-5)
+    assert (verdict.word, verdict.subject) == ("trust", "J of model in 1 variables, through C MuJoCo")
+    assert "precision" not in [some.check for some in verdict.findings]
+    with pytest.raises(tog.InputError, match="engine='mujoco' is for a Problem"):
+        tog.check(lambda x: x @ x, np.ones(2), engine="mujoco")
