@@ -105,7 +105,7 @@ def write_csv(path: Path, rows: list[dict[str, Any]]) -> None:
 
 
 def printed(rows: list[dict[str, Any]]) -> Table:
-    table, columns = Table(box=box.MARKDOWN), ("model", "nv", "contacts", "verdict", "check", "seconds")
+    table, columns = Table(box=box.MARKDOWN), ("model", "nv", "contacts", "engine", "verdict", "check", "seconds")
     for column in columns:
         table.add_column(column, justify="right" if column in ("nv", "contacts", "seconds") else "left")
     for row in rows:

@@ -14,6 +14,7 @@ from test_check_scene import validate_verdict
 
 import tog_mjx as tog
 from tog_mjx.checks.measured.linearised import Linearised
+from tog_mjx.checks.told.finding import Level
 from tog_mjx.mjcf.keyframes import keyframe_start
 from tog_mjx.mjcf.scene import compile_model
 from tog_mjx.problems.scene_function import SceneFunction
@@ -26,7 +27,6 @@ OTHERWISE = {
     "far_from_origin.xml": ("do not trust", "agreement"),  # In float64 it is differences that are rounded.
     "one_iteration.xml": ("trust", ""),  # One iteration of C MuJoCo's solver is enough.
     "box_on_plane.xml": ("trust with care", "agreement"),
-    "unsupported.xml": ("trust", ""),
 }
 """Scenes of which C MuJoCo's gradient deserves another verdict than MJX's."""
 RK4 = ("chaotic_pendulum.xml",)
@@ -60,6 +60,7 @@ def test_the_gallery_gets_its_verdicts_without_compiling(file, compilations):
     word, check = OTHERWISE.get(file, (scene["verdict"], scene["check"]))
     assert (verdict.word, verdict.reason.check if verdict.reason else "") == (word, check), verdict.line
     assert verdict.subject.endswith(", through C MuJoCo")
+    assert verdict.engine == "mujoco"
     for words in scene.get("words", ()):
         assert words in verdict.line
     validate_verdict(verdict.as_json())
@@ -129,6 +130,25 @@ def test_a_scene_that_mjx_refuses_is_judged():
     verdict = tog.check_scene(model, engine="mujoco", steps=40)
     assert verdict.line.startswith("do not trust: the derivative is that between two jumps: d qpos[1] / d push is ")
     assert "; geom table and geom can begin or cease to touch in step 17, at 0.085 s" in verdict.line
+
+
+def test_what_mjx_cannot_is_told_and_what_neither_can_weighs():
+    model, sliding = refused()
+    verdict, on_c = (tog.check_scene(model, sliding, steps=40, engine=engine) for engine in ("mjx", "mujoco"))
+    refusal, *others = verdict.findings
+    assert (refusal.check, refusal.level) == ("preflight", Level.FINE)
+    assert refusal.sentence.startswith(
+        "MJX does not support the collision of geom can (cylinder) with geom table (box)"
+    )
+    assert (tuple(others), verdict.word, verdict.subject) == (on_c.findings, on_c.word, on_c.subject)
+    spec = mujoco.MjSpec.from_string(REFUSED)
+    spec.actuators[0].delay, spec.actuators[0].nsample = 0.02, 5
+    verdict = tog.check_scene(spec, steps=40)
+    assert (verdict.word, verdict.engine, verdict.gradient) == ("do not trust", "", ())
+    assert verdict.reason == verdict.findings[0]
+    last = verdict.findings[-1]
+    assert (last.check, last.level) == ("C MuJoCo", Level.FINE)
+    assert "engine mujoco has no state for delays" in last.sentence
 
 
 @pytest.mark.parametrize(

@@ -34,21 +34,24 @@ def test_each_model_is_a_row_and_is_checked_once(models, tmp_path, run_script):
     rows = run()
     assert [(row["model"], row["nv"], row["verdict"], row["check"]) for row in rows] == [
         ("broken.xml", "", "not checked", ""),
-        ("robots/refused.xml", "1", "do not trust", "preflight"),
+        ("robots/refused.xml", "1", "trust", ""),
         ("still.xml", "0", "not checked", ""),
     ]
     assert [row["sentence"].partition(" (")[0] for row in rows[1:]] == [
-        "MJX does not support <option solver='pgs'>",
+        "no check found a fault",
         "the scene has no qvel: differentiate with respect to something else",
     ]
     assert "nonsense" in rows[0]["sentence"]
+    assert [row["engine"] for row in rows] == ["", "mujoco", ""]
     assert all(float(row["seconds"]) > 0 and int(row["peak_mb"]) > 10 for row in rows)
     kept = {path.name.partition("_")[0]: path for path in (tmp_path / "out" / "models").glob("*.json")}
     before = {name: path.stat().st_mtime_ns for name, path in kept.items()}
     kept["refused"].write_text(kept["refused"].read_text()[:50])
     again = run()
     assert [row["verdict"] for row in again] == [row["verdict"] for row in rows]
-    assert json.loads(kept["refused"].read_text())["findings"][0]["level"] == "fault"
+    refused = json.loads(kept["refused"].read_text())["findings"][0]
+    assert (refused["check"], refused["level"]) == ("preflight", "fine")
+    assert refused["sentence"].startswith("MJX does not support <option solver='pgs'>")
     changed = {name for name, path in kept.items() if path.stat().st_mtime_ns != before[name]}
     assert changed == {"refused"}
 
@@ -61,7 +64,7 @@ def test_what_ends_badly_is_a_row_too(models, tmp_path, monkeypatch):
     assert (late["verdict"], late["nq"]) == (alone.OUT_OF_TIME, None)
     assert alone.finish_file(file, tmp_path, limit=1e-6) == late
     monkeypatch.setattr(alone, "_PROGRAM", checks)
-    assert alone.finish_file(file, tmp_path)["verdict"] == "do not trust"
+    assert alone.finish_file(file, tmp_path)["verdict"] == "trust"
     for program, sentence in (("import os; os.abort()", "ended by SIGABRT"), ("1/0", "ZeroDivisionError: ")):
         monkeypatch.setattr(alone, "_PROGRAM", ("-c", program))
         found = alone.finish_file(file, tmp_path / program[:3])

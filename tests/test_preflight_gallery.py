@@ -24,7 +24,7 @@ def gallery_remarks(entry: dict) -> list[Remark]:
 def test_the_gallery_is_complete_and_its_sound_scenes_have_no_remark():
     assert sorted(EXPECTED) == sorted(path.name for path in GALLERY.glob("*.xml"))
     for entry in EXPECTED.values():
-        if entry["verdict"] == "trust":
+        if entry["verdict"] == "trust" and "engine" not in entry:
             assert gallery_remarks(entry) == []
 
 

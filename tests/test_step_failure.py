@@ -62,13 +62,14 @@ def test_a_rangefinder_needs_a_material():
 
 
 def test_what_nobody_knew_mjx_cannot_step_is_a_finding(monkeypatch):
-    """As long as stock MJX fails too; what fails here alone is raised."""
+    """As long as stock MJX fails too, and then C MuJoCo's gradient is judged; what fails here alone is raised."""
     model = mujoco.MjModel.from_xml_string(
         LIMITED.format(sensor='<touch site="tip"/>', off=OFF, flag='gravity="enable"')
     )
     monkeypatch.setattr("tog_mjx.checks.scene_verdict.preflight", lambda *_: [])
-    (finding,) = tog.check_scene(model, wrt="qvel", steps=2).findings
-    assert (finding.check, finding.level) == ("motion", Level.FAULT)
+    verdict = tog.check_scene(model, wrt="qvel", steps=2)
+    finding = verdict.findings[0]
+    assert (finding.check, finding.level, verdict.engine) == ("motion", Level.FINE, "mujoco")
     assert "at least one array to concatenate" in finding.sentence
     monkeypatch.setattr("tog_mjx.checks.told.failure.step_failure", lambda _: "")
     with pytest.raises(ValueError, match="at least one array"):
@@ -81,7 +82,16 @@ def test_a_scene_too_large_for_memory_is_a_finding(monkeypatch):
 
     monkeypatch.setattr("tog_mjx.checks.measured.recorded.Simulation.run", exhaust)
     model = mujoco.MjModel.from_xml_string(LIMITED.format(sensor="", off="", flag='gravity="enable"'))
-    finding = tog.check_scene(model, wrt="qvel", steps=2).findings[-1]
-    assert (finding.check, finding.level) == ("motion", Level.FAULT)
+    said = []
+    verdict = tog.check_scene(model, wrt="qvel", steps=2, report=lambda *some: said.append(some))
+    on_c = tog.check_scene(model, wrt="qvel", steps=2, engine="mujoco")
+    finding, *others = verdict.findings
+    assert (finding.check, finding.level) == ("motion", Level.FINE)
     assert finding.sentence.endswith("does not fit into memory: Out of memory allocating 720765081192 bytes.")
     assert "maxhullvert" in finding.remedy
+    assert (tuple(others), verdict.line, verdict.engine) == (on_c.findings, on_c.line, "mujoco")
+    # Before MJX's motion is tried, C MuJoCo has answered.
+    first = next(found for _, found in said if found)
+    assert (first.check, first.level) == ("C MuJoCo", Level.FINE)
+    assert first.sentence.endswith(f"on the gradient of its own motion: {on_c.line}")
+    assert [name for name, found in said if not found][:3] == ["preflight", "C MuJoCo", "motion"]

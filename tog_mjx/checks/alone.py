@@ -29,9 +29,9 @@ from tog_mjx.running.storage import save_json
 from tog_mjx.stepping._mjx import contacts, make_data, put_model
 from tog_mjx.stepping.mjx_state import default_start
 
-COLUMNS = ("nq", "nv", "nu", "contacts", "verdict", "check", "sentence", "seconds", "peak_mb")
-"""Of a result: sizes of the model; the verdict, or one of the words below; the check that weighs most and its sentence;
-what it took. What is not known is None."""
+COLUMNS = ("nq", "nv", "nu", "contacts", "engine", "verdict", "check", "sentence", "seconds", "peak_mb")
+"""Of a result: sizes of the model; the engine that moved it, C MuJoCo where MJX cannot; the verdict, or one of the
+words below; the check that weighs most and its sentence; what it took. What is not known is None."""
 NOT_CHECKED, CRASHED, OUT_OF_TIME = "not checked", "crashed", "out of time"
 _PROGRAM = ("-m", __name__)
 _MB = 1024.0**2 if sys.platform == "darwin" else 1024.0
@@ -152,7 +152,7 @@ def _check(path: Path, result: Path, steps: int, quick: bool) -> None:
         found |= {"verdict": NOT_CHECKED, "check": "", "sentence": str(error)}
     else:
         reason = verdict.reason
-        found |= {"verdict": verdict.word, "check": reason.check if reason else ""}
+        found |= {"engine": verdict.engine, "verdict": verdict.word, "check": reason.check if reason else ""}
         found |= {"sentence": reason.sentence if reason else "no check found a fault"}
         found["findings"] = verdict.as_json()["findings"]
     save_json(result, found)

@@ -105,7 +105,8 @@ def check(
         checks["estimators"] = lambda: which_to_follow(values, flat, point, scale, slopes, jumps, lowered)
     findings = tuple(reported(some, run, say) for some, run in checks.items())
     subject = f"{name} in {point.size} variables" + ", through C MuJoCo" * (engine == "mujoco")
-    return Verdict(subject, findings, names, outputs, value.tolist(), (slopes / lengths).tolist(), lengths.tolist())
+    told = findings, names, outputs, value.tolist(), (slopes / lengths).tolist(), lengths.tolist()
+    return Verdict(subject, *told, engine=engine if bound else "")
 
 
 def directions_at(

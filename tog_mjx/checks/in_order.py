@@ -121,4 +121,5 @@ def verdict(
     lengths = np.linalg.norm(checks.simulation.directions, axis=0)
     gradient = (motion.slopes / lengths).tolist()
     outputs = scene.y.names, motion.value.tolist()
-    return Verdict(subject, tuple(findings), checks.names, *outputs, gradient, lengths.tolist())
+    told = tuple(findings), checks.names, *outputs, gradient, lengths.tolist()
+    return Verdict(subject, *told, engine=checks.simulation.engine)

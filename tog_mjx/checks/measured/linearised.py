@@ -52,6 +52,7 @@ class Linearised(Recorder):
       InputError: see `check_c`.
     """
 
+    engine = "mujoco"
     remedy = (
         "take engine mjx, which takes no differences: here one crosses a touch, or is rounded, as numbers are large"
     )

@@ -59,6 +59,7 @@ class Recorder(abc.ABC):
     scene: SceneFunction
     directions: Float[np.ndarray, "n k"]
     model: Any
+    engine: str
     remedy: str = REMEDY
     """Of a gradient that differences contradict."""
 

@@ -28,6 +28,8 @@ _CHUNK = 32
 class Simulation(Recorder):
     """On MJX, compiled; `states` adds directions of the initial state, 2 nv + na."""
 
+    engine = "mjx"
+
     def __init__(self, scene: SceneFunction, directions: Float[np.ndarray, "n k"], states: bool = True):
         self.scene, self.directions = scene, directions
         self.model = put_model(scene.model)

@@ -55,7 +55,8 @@ class Verdict:
 
     `subject` says what was differentiated; `value` [m] and `gradient` [m, k] are of the outputs named and by the
     variables named, per unit of each (of a random direction: per unit of its length). `scale` [k] is how large a
-    displacement was taken for a large one: the variable's own size, or 1.
+    displacement was taken for a large one: the variable's own size, or 1. `engine` is what moved a scene or a problem;
+    empty of any other function, or if nothing was run.
     """
 
     subject: str
@@ -65,6 +66,7 @@ class Verdict:
     value: Sequence[int | float] = ()
     gradient: Sequence[Sequence[int | float]] = ()
     scale: Sequence[int | float] = ()
+    engine: str = ""
 
     @property
     def scaled_gradient(self) -> list[list[int | float]]:
@@ -104,6 +106,7 @@ class Verdict:
     def as_json(self) -> dict[str, Any]:
         return {
             "subject": self.subject,
+            "engine": self.engine,
             "verdict": self.word,
             "reason": self.reason.check if self.reason else None,
             "variables": list(self.variables),
