@@ -1,6 +1,7 @@
 """Verdicts on gradients through C MuJoCo: of scenes whose fault, or lack of one, is known, also of those that MJX
 refuses."""
 
+import json
 import tomllib
 from pathlib import Path
 
@@ -192,5 +193,24 @@ def test_a_problem_is_judged_on_c_mujoco():
     np.testing.assert_allclose(verdict.gradient[0], (J(np.array([1.2001])) - J(np.array([1.1999]))) / 2e-4, rtol=1e-5)
     assert (verdict.word, verdict.subject) == ("trust", "J of model in 1 variables, through C MuJoCo")
     assert "precision" not in [some.check for some in verdict.findings]
+    by_itself = tog.check(problem, np.array([1.2]))
+    assert (by_itself.gradient, by_itself.engine) == (verdict.gradient, "mujoco")
+    refusal, *others = by_itself.findings
+    assert tuple(others) == verdict.findings
+    assert refusal.sentence.startswith(
+        "model: MJX does not support the collision of geom can (cylinder) with geom table"
+    )
     with pytest.raises(tog.InputError, match="engine='mujoco' is for a Problem"):
         tog.check(lambda x: x @ x, np.ones(2), engine="mujoco")
+
+
+def test_the_script_judges_on_c_mujoco_and_writes_json_and_a_page(run_script, tmp_path):
+    out = tmp_path / "verdict.json", tmp_path / "verdict.html"
+    how = "--engine", "mujoco", "--json", out[0], "--html", out[1]
+    status, said, heard = run_script("check_gradients.py", GALLERY / "bounce.xml", "--wrt", "qpos", *how)
+    found, page = json.loads(out[0].read_text()), out[1].read_text()
+    assert (status, found["engine"], found["reason"]) == (3, "mujoco", "agreement")
+    assert ", through C MuJoCo: do not trust: the derivative is that between two jumps" in said
+    assert "fault agreement: " in heard
+    assert ", through C MuJoCo" in page
+    validate_verdict(found)

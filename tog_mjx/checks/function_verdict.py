@@ -18,6 +18,7 @@ from tog_mjx.checks.measured.second_order import second_order as check_second_or
 from tog_mjx.checks.measured.single import judge_single
 from tog_mjx.checks.measured.zeros import zeros
 from tog_mjx.checks.told.finding import Finding, Level, Report, Verdict, reported
+from tog_mjx.engines.objective import Objective
 from tog_mjx.engines.objective import objective as problem_objective
 from tog_mjx.problems.problem import Problem
 from tog_mjx.running.errors import InputError, require_kind
@@ -52,15 +53,16 @@ def check(
         of several values, to lower the one whose derivative is largest.
       second_order: check second derivatives too, of a fixed random sum of several values: what Newton's method uses.
       report: called with a check's name before it runs, and again with its finding.
-      engine: what moves a Problem, see `tog.objective`.
+      engine: what moves a Problem, see `tog.objective`; C MuJoCo where that is MJX and it cannot.
 
     Raises:
       InputError: for an x that holds what are no finite real numbers, and a function that fails or returns none.
     """
     function: Callable[..., Any]
-    bound = None
+    bound, refused = None, list[Finding]()
     if isinstance(objective, Problem):
-        function, bound, x = problem_objective(objective, engine), objective.bound, objective.x0 if x is None else x
+        function, refused = _moved(objective, engine)
+        engine, bound, x = function.engine, objective.bound, objective.x0 if x is None else x
     else:
         function = objective
         if engine != "mjx":
@@ -103,10 +105,24 @@ def check(
     if estimators:
         lowered = outputs if value.size > 1 else ("it",)
         checks["estimators"] = lambda: which_to_follow(values, flat, point, scale, slopes, jumps, lowered)
-    findings = tuple(reported(some, run, say) for some, run in checks.items())
+    for finding in refused:
+        say(finding.check, finding)
+    findings = (*refused, *(reported(some, run, say) for some, run in checks.items()))
     subject = f"{name} in {point.size} variables" + ", through C MuJoCo" * (engine == "mujoco")
     told = findings, names, outputs, value.tolist(), (slopes / lengths).tolist(), lengths.tolist()
     return Verdict(subject, *told, engine=engine if bound else "")
+
+
+def _moved(problem: Problem, engine: str) -> tuple[Objective, list[Finding]]:
+    """J on the engine; where MJX cannot move the scene, which weighs nothing then, on C MuJoCo if that can."""
+    try:
+        return problem_objective(problem, engine), []
+    except InputError as error:
+        if engine != "mjx":
+            raise
+        with contextlib.suppress(InputError):
+            return problem_objective(problem, "mujoco"), [Finding("preflight", Level.FINE, str(error))]
+        raise
 
 
 def directions_at(
