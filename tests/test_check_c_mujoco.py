@@ -157,7 +157,7 @@ def test_what_mjx_cannot_is_told_and_what_neither_can_weighs():
     [
         ({"wrt": "body_mass[1]"}, "engine mujoco has derivatives in ctrl, qpos, qvel, act, and none in body_mass"),
         ({"output": lambda data: data.qpos[0]}, "engine mujoco has no mjx.Data for a cost to see"),
-        ({"differentiation": "native"}, "engine 'mujoco' has no option 'differentiation'"),
+        ({"differentiation": "native"}, "differentiation='native' is unknown; choose from implicit, saltation"),
         ({"engine": "penalty"}, "engine='penalty' is unknown; choose from mjx, mujoco"),
     ],
 )

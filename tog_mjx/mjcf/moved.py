@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from tog_mjx.mjcf.fields import attribute, float_fields
 from tog_mjx.running.errors import InputError
+from tog_mjx.running.types import AnyArray
 
 Rates = dict[str, Float[np.ndarray, "size n"]]
 """By array, the derivative of all its numbers in those that move it."""
@@ -35,12 +36,12 @@ class MovedModel:
     drawn: Mapping[str, Array]
     rates: Rates
     size: Float[np.ndarray, " n"]
-    change: Float[Array, " n"]
+    change: Float[AnyArray, " n"]
 
     @classmethod
     def of(cls, model: mujoco.MjModel) -> "MovedModel":
         """The model as it is."""
-        return cls(model, {}, {}, np.zeros(0), jnp.zeros(0))
+        return cls(model, {}, {}, np.zeros(0), np.zeros(0))  # Of NumPy: nothing is compiled.
 
     def __getattr__(self, name: str) -> Any:
         """A field as an array of JAX, and what is no field as the model has it."""

@@ -16,7 +16,7 @@ from tog_mjx.checks.measured.met import Met
 from tog_mjx.checks.measured.motion import NEVER, SAMPLES, Motion, Recorder
 from tog_mjx.checks.measured.seen import Seen
 from tog_mjx.engines.c_mujoco.forward import Forward, check_state
-from tog_mjx.engines.c_mujoco.linearise import check_differences, slopes
+from tog_mjx.engines.c_mujoco.linearise import slopes
 from tog_mjx.engines.engine import make_engine
 from tog_mjx.engines.simulator import check_names
 from tog_mjx.problems.problem import Problem
@@ -35,7 +35,6 @@ _MOVED = ("ctrl", *MOVING)
 def check_c(scene: SceneFunction) -> None:
     """Raises InputError for what C MuJoCo does not move, see or differentiate."""
     check_state(scene.model, "this scene")
-    check_differences(scene.model)
     check_names("mujoco", {} if scene.differentiation == "implicit" else {"differentiation": scene.differentiation})
     if scene.x.array not in _MOVED:
         raise InputError(f"engine mujoco has derivatives in {', '.join(_MOVED)}, and none in {scene.x.array}; take mjx")
@@ -60,13 +59,15 @@ class Linearised(Recorder):
     def __init__(self, scene: SceneFunction, directions: Float[np.ndarray, "n k"]):
         check_c(scene)
         self.scene, self.directions, self.model = scene, directions, scene.model
-        self._own = Forward(scene.model, scene.start)
+        self._own = Forward(scene.model, scene.start, differentiation=scene.differentiation)
         self._seen = Seen(scene.y, self._own)
 
     def run(self, model: Any = None, steps: int | None = None, start: dict[str, Any] | None = None) -> Motion:
         steps, model = steps or self.scene.steps, model or self.model
         origin = copy_of(model, self.scene.start, **(start or {}))
-        forward = Forward(model, origin) if start or model is not self.model else self._own
+        forward = self._own
+        if start or model is not self.model:
+            forward = Forward(model, origin, differentiation=self.scene.differentiation)
         ctrl = np.array(origin.ctrl)
         after = forward.motions(forward.start[None], np.tile(ctrl, (1, steps, 1)))[0]
         states = np.concatenate([forward.start[None], after])
@@ -177,7 +178,7 @@ class Linearised(Recorder):
         for first in range(0, len(states) - 1, size):
             before, after = states[:-1][first : first + size], states[first + 1 :][:size]
             steps = slopes(forward, before, after, np.tile(ctrl, (len(before), 1)))
-            for i, (of_state, of_controls) in enumerate(zip(*steps, strict=True), first + 1):
+            for i, (of_state, of_controls) in enumerate(zip(steps.state, steps.controls, strict=True), first + 1):
                 tangent = of_state @ tangent + of_controls @ steered
                 bad = bad if np.isfinite(tangent).all() else min(bad, i)
                 if is_sample[i]:

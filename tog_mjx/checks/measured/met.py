@@ -39,18 +39,18 @@ class Met(NamedTuple):
         pairs = _watched(model)
         looks = np.linspace(0, len(states) - 2, int(np.clip(_DISTANCES // max(len(pairs), 1), 1, _LOOKS))).astype(int)
         nearest: dict[tuple[int, int], tuple[float, int]] = {}
-        correction, data = 0.0, forward.data()
-        for step, state in enumerate(states[:-1]):
-            if not np.isfinite(state).all():
-                break
-            mujoco.mj_setState(model, data, state, STATE)
-            data.ctrl[:] = ctrl
-            mujoco.mj_forward(model, data)
-            for pair, distance in _contacts(data) + (_distances(model, data, pairs) if step in looks else []):
-                if pair not in nearest or distance < nearest[pair][0]:
-                    nearest[pair] = distance, step
-            correction = float(np.maximum(correction, _correction(exact, data)))  # NaN stays.
-        forward.spare.append(data)
+        correction = 0.0
+        with forward.data() as data:
+            for step, state in enumerate(states[:-1]):
+                if not np.isfinite(state).all():
+                    break
+                mujoco.mj_setState(model, data, state, STATE)
+                data.ctrl[:] = ctrl
+                mujoco.mj_forward(model, data)
+                for pair, distance in _contacts(data) + (_distances(model, data, pairs) if step in looks else []):
+                    if pair not in nearest or distance < nearest[pair][0]:
+                        nearest[pair] = distance, step
+                correction = float(np.maximum(correction, _correction(exact, data)))  # NaN stays.
         distances, steps = np.array(list(nearest.values())).reshape(-1, 2).T
         return cls(distances, steps.astype(int), np.array(list(nearest), int).reshape(-1, 2), np.array(correction))
 

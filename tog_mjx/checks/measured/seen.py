@@ -32,7 +32,9 @@ class Seen:
 
     def values(self, states: Float[np.ndarray, "N s"], controls: Float[np.ndarray, "N nu"]) -> np.ndarray:
         """y, [N, m]."""
-        every = states[:, 1:] if self._numbers is None else self._numbers.values(states, controls)
+        every = (
+            states[:, 1:] if self._numbers is None else self._numbers.values(states, controls, self._held(len(states)))
+        )
         return every[:, self._which]
 
     def slopes(
@@ -48,4 +50,7 @@ class Seen:
         q = self._forward.ends[1]
         turned = velocity_basis(self._forward.model, state[1:q]) @ moved[: q - 1]
         change = np.concatenate([turned, moved[q - 1 :], steered])
-        return self._numbers.slopes(state[None], controls[None])[0, self._which] @ change
+        return self._numbers.slopes(state[None], controls[None], self._held(1))[0, self._which] @ change
+
+    def _held(self, count: int) -> np.ndarray:
+        return np.tile(self._forward.row, (count, 1))

@@ -38,7 +38,7 @@ class Held(NamedTuple):
             return jnp.concatenate([jnp.zeros(0, dtype), *(jnp.ravel(some).astype(dtype) for some in arrays)])
 
         poses = flat([start["mocap_pos"], start["mocap_quat"]])
-        return cls(model.change.astype(dtype), poses, flat(list(model.drawn.values())))
+        return cls(jnp.asarray(model.change, dtype), poses, flat(list(model.drawn.values())))
 
     def poses(self) -> dict[str, Array]:
         """Those of mocap bodies, by their names in `mjx.Data`."""

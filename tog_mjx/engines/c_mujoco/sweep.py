@@ -80,8 +80,9 @@ def _linearised(
 
     def run(before: np.ndarray, after: np.ndarray, controls: np.ndarray, *held: np.ndarray) -> list[np.ndarray]:
         count = len(before) * steps
-        rows = (some.reshape(count, some.shape[-1]) for some in (before, after, controls))
-        return list(slopes(forward, *rows, np.repeat(np.concatenate(held, axis=1), steps, axis=0), is_held=is_held))
+        before, after, controls = (some.reshape(count, some.shape[-1]) for some in (before, after, controls))
+        rows = np.repeat(np.concatenate(held, axis=1), steps, axis=0)
+        return list(slopes(forward, before, after, controls, rows, is_held=is_held))
 
     shapes = [(steps, n, n), (steps, n, nu), (steps, 1 + n, m)]
     return outside.call(run, forward.identity, shapes, before, after, controls, *held)
