@@ -1,8 +1,11 @@
 """Many motions of C MuJoCo at once, on all threads and devices, in any precision: each is that of one alone."""
 
 import dataclasses
+import os
+import signal
 import subprocess
 import sys
+import time
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +15,8 @@ from c_mujoco_scenes import STEPS, bodies, by_hand, floor, somewhere
 
 import tog_mjx as tog
 from tog_mjx.engines.c_mujoco.forward import Forward
-from tog_mjx.engines.c_mujoco.linearise import slopes
+from tog_mjx.engines.c_mujoco.linearise import for_each, pool, slopes
+from tog_mjx.running.devices import cores
 
 
 @pytest.fixture(scope="module", name="bodies")
@@ -43,8 +47,8 @@ def test_many_motions_are_those_of_one_and_no_call_leaves_anything_to_the_next(b
         np.testing.assert_allclose(jax.jacfwd(ends)(point), slope, atol=1e-8)
 
 
-def test_neither_the_number_of_threads_nor_what_ran_before_changes_a_bit(bodies):
-    """Of motions and their derivatives, some of which burst."""
+def test_neither_the_number_of_threads_nor_what_ran_before_changes_a_bit(bodies, monkeypatch):
+    """Of motions and their derivatives, some of which burst; nor how many a thread moves at once."""
     model, rng = bodies.scene.model, np.random.default_rng(3)
     forwards = [Forward(model, bodies.origin, threads) for threads in (1, 3)]
     many = rng.normal(size=(7, STEPS, 2)), np.tile(forwards[0].start, (7, 1))
@@ -60,10 +64,26 @@ def test_neither_the_number_of_threads_nor_what_ran_before_changes_a_bit(bodies)
 
     expected = run(forwards[0], slice(None))
     assert [np.isnan(motion).any() for motion in expected[0]] == [i == 3 for i in range(7)]
+    monkeypatch.setattr("tog_mjx.engines.c_mujoco.forward.AT_ONCE", STEPS)
     for forward in forwards:
         for some in (slice(2, 4), slice(None), slice(4, 5)):
             for found, of_all in zip(run(forward, some), expected, strict=True):
                 np.testing.assert_array_equal(found, of_all[some])
+
+
+def test_an_interruption_ends_all_threads(bodies):
+    """They would sleep for minutes."""
+
+    def one(_, i):
+        if i == 0:
+            os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.01)
+
+    forward = Forward(bodies.scene.model, bodies.origin, 2)
+    with pytest.raises(KeyboardInterrupt):
+        for_each(forward, np.tile(forward.row, (30_000, 1)), one)
+    for done in [pool().submit(int) for _ in range(cores())]:
+        assert done.result(timeout=60) == 0
 
 
 def test_starts_descents_landscapes_and_single_precision():

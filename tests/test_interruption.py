@@ -181,6 +181,57 @@ def test_a_verdict_is_told_though_the_disk_is_full(run_script, tmp_path, monkeyp
     status, said, complaint = run_script("check_gradients.py", scene, "--json", verdict)
     assert status == 2
     assert said.startswith("scene: ")
-    assert "do not trust: MJX does not support <option solver='pgs'>" in said
+    assert "through C MuJoCo: trust" in said
     assert f"{verdict}: cannot be written (No space left on device)" in complaint.splitlines()[-1]
     assert not list(tmp_path.glob(".*.partial"))
+
+
+COMPUTING = """
+import os, signal, sys, time
+import jax, jax.numpy as jnp, mujoco, mujoco.batch
+import tog_mjx as tog
+from tog_mjx.engines.c_mujoco import forward
+from tog_mjx.running.console import run_main
+
+def interrupted(function):
+    def slow(*args, **options):
+        if not calls:
+            os.kill(os.getpid(), getattr(signal, sys.argv[2]))
+        calls.append(1)
+        time.sleep(0.5)
+        return function(*args, **options)
+
+    calls = []
+    return slow
+
+def main():
+    J = tog.objective("flip", "mujoco")
+    if what == "gradient":
+        mujoco.mjd_transitionFD = interrupted(mujoco.mjd_transitionFD)
+        print(jax.grad(J)(jnp.asarray(tog.get_task("flip").x0)))
+    else:
+        forward.AT_ONCE = 1
+        mujoco.batch.Batch.rollout = interrupted(mujoco.batch.Batch.rollout)
+        print(jax.vmap(J)(jnp.tile(tog.get_task("flip").x0, (2000, 1))))
+
+what, sys.argv[0] = sys.argv[1], "script.py"
+run_main(main)
+"""
+"""Calls that take some minutes in all, of which the first one is interrupted."""
+
+
+@pytest.mark.parametrize(
+    ("what", "name", "word", "status"),
+    [
+        ("gradient", "SIGINT", "interrupted", 130),
+        ("motions", "SIGTERM", "terminated", 143),
+    ],
+)
+@pytest.mark.parametrize("devices", [1, 2])
+def test_what_c_mujoco_computes_is_interrupted(what, name, word, status, devices):
+    """Also where JAX would make an error of it, or has the main thread wait for another one."""
+    environment = {**os.environ, "JAX_NUM_CPU_DEVICES": str(devices)}
+    done = subprocess.run(
+        [sys.executable, "-c", COMPUTING, what, name], env=environment, capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (status, "", f"script.py: {word}\n")

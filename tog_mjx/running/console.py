@@ -20,7 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from tog_mjx.running.devices import use_all_cores
 from tog_mjx.running.errors import InputError, near, printable
-from tog_mjx.running.interruption import Terminated, interruptible
+from tog_mjx.running.interruption import Terminated, awaiting_interruptions, interruptible
 from tog_mjx.running.quiet import without_remarks, without_warnings
 from tog_mjx.running.user_code import own_lines
 from tog_mjx.running.xla_flags import tune_compiler
@@ -69,7 +69,7 @@ def run_main(main: Callable[[], None], continues: str = "") -> None:
     with interruptible():
         try:
             _prepare()
-            with without_warnings(), without_remarks():
+            with without_warnings(), without_remarks(), awaiting_interruptions():
                 main()
         except InputError as error:
             print(f"{own_lines(error.__cause__)}{name}: {printable(str(error))}", file=sys.stderr)

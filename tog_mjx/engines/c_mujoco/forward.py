@@ -22,6 +22,7 @@ from tog_mjx.mjcf.moved import MovedModel
 from tog_mjx.running.devices import cores
 from tog_mjx.running.digests import scene_digest
 from tog_mjx.running.errors import InputError
+from tog_mjx.running.interruption import has_come
 
 Kind = TypeVar("Kind")
 _PART = mujoco.mjtState
@@ -31,6 +32,8 @@ STATE = sum(
 )
 WHOLE = int(_PART.mjSTATE_INTEGRATION)
 WARNED = 1
+AT_ONCE = 10_000
+"""Steps of a thread during which Python looks for no signals: a tenth of a second to a few."""
 _HIDDEN = {
     "delays": _PART.mjSTATE_HISTORY,
     "user data": _PART.mjSTATE_USERDATA,
@@ -95,6 +98,16 @@ class Forward:
     ) -> np.ndarray:
         """The states after each of k steps, [N, k, s], the same to the bit for any number of threads. From where
         MuJoCo warns that a motion has burst they are NaN."""
+        count, steps, _ = controls.shape
+        most = self.threads * max(1, AT_ONCE // steps)
+        parts = [slice(first, first + most) for first in range(0, max(count, 1), most)]
+        rows = [None if held is None else held[part] for part in parts]
+        given = zip(parts, rows, strict=True)
+        return np.concatenate([self._at_once(states[part], controls[part], some) for part, some in given])
+
+    def _at_once(self, states: np.ndarray, controls: np.ndarray, held: np.ndarray | None) -> np.ndarray:
+        if has_come():
+            raise KeyboardInterrupt
         count, steps, _ = controls.shape
         with self.batch(count, held) as batch:
             batch.state[:, : states.shape[1]] = states

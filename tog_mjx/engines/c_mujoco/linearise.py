@@ -6,7 +6,7 @@ smaller step, and if they are still apart the side counts that changes less with
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from tog_mjx.engines.c_mujoco.forward import STATE, Forward, taken
 from tog_mjx.engines.c_mujoco.one_step import Given, one_step
 from tog_mjx.engines.c_mujoco.switching import Jumps
 from tog_mjx.running.devices import cores
+from tog_mjx.running.interruption import has_come
 from tog_mjx.stepping.velocity_space import position_basis, velocity_basis
 
 STEP, FINE = 1e-6, 1e-8
@@ -39,7 +40,7 @@ class Slopes(NamedTuple):
 
 
 @functools.cache
-def _pool() -> ThreadPoolExecutor:
+def pool() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(cores(), "linearise")
 
 
@@ -103,7 +104,7 @@ def _jumps(forward: Forward, given: Given, after: np.ndarray) -> np.ndarray:
     model, (states, controls, held) = forward.model, given
     found = np.empty((len(states), 2 * model.nv + model.na, model.nv))
 
-    def some(numbers: np.ndarray) -> None:
+    def some(numbers: Iterable[int]) -> None:
         room = taken(forward.rooms, lambda: Jumps(forward))
         for i in numbers:
             found[i] = room.of_step(states[i], after[i], controls[i], held[i])
@@ -114,22 +115,39 @@ def _jumps(forward: Forward, given: Given, after: np.ndarray) -> np.ndarray:
 
 
 def for_each(forward: Forward, held: Float[np.ndarray, "N h"], one: Callable[[mujoco.MjData, int], None]) -> None:
-    """`one(data, number)` of so many members, on all cores, whose data and their model have what each holds."""
+    """`one(data, number)` of so many members, on all cores, whose data and their model have what each holds; unless the
+    program is interrupted."""
 
-    def some(numbers: np.ndarray) -> None:
+    def some(numbers: Iterable[int]) -> None:
+        before = None
         with forward.data() as data:
-            for before, i in zip([-1, *numbers.tolist()], numbers.tolist(), strict=False):
-                if before < 0 or (held[i] != held[before]).any():
+            for i in numbers:
+                if before is None or (held[i] != held[before]).any():
                     forward.hold(data, held[i])
                 one(data, i)
+                before = i
 
     _on_all_cores(forward, some, len(held))
 
 
-def _on_all_cores(forward: Forward, some: Callable[[np.ndarray], None], count: int) -> None:
+def _on_all_cores(forward: Forward, some: Callable[[Iterable[int]], None], count: int) -> None:
     """Calls a function of some of the numbers below `count` until all have been given, each once."""
+    interrupted = False
+
+    def going_on(numbers: np.ndarray) -> Iterator[int]:
+        for i in numbers.tolist():
+            if interrupted or has_come():
+                return
+            yield i
+
     parts = [part for part in np.array_split(np.arange(count), forward.threads) if len(part)]
-    list((_pool().map if len(parts) > 1 else map)(some, parts))
+    try:
+        list((pool().map if len(parts) > 1 else map)(lambda part: some(going_on(part)), parts))
+    except BaseException:
+        interrupted = True
+        raise
+    if has_come():
+        raise KeyboardInterrupt
 
 
 def centred(one_sided: Callable[[np.ndarray, float], np.ndarray], members: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ for each other for ever.
 
 import functools
 import math
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -16,6 +17,8 @@ import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import batching, mlir
 from jaxtyping import Array
+
+from tog_mjx.running.interruption import come_again
 
 Function = Callable[..., Sequence[np.ndarray]]
 _WORD = np.uint32
@@ -41,7 +44,12 @@ def call(
             np.broadcast_to(part, (*lead, *end)).reshape(math.prod(lead), *end)
             for part, end in zip(parts, ends, strict=True)
         ]
-        found = zip(function(*rows), shapes, strict=True)
+        try:
+            found = zip(function(*rows), shapes, strict=True)
+        except KeyboardInterrupt as interruption:
+            if threading.current_thread() is threading.main_thread():  # Else that has yet to look for signals.
+                come_again(interruption)
+            raise
         return tuple(some.astype(dtype).reshape(*lead, *shape, 1).view(_WORD) for some, shape in found)
 
     whose = jnp.asarray(identity, _WORD)
