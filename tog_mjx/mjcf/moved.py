@@ -45,6 +45,8 @@ class MovedModel:
 
     def __getattr__(self, name: str) -> Any:
         """A field as an array of JAX, and what is no field as the model has it."""
+        if name in self.__dataclass_fields__:  # As of one that is being copied.
+            raise AttributeError(name)
         value = self.drawn.get(name, getattr(self.model, name))
         if name not in float_fields() or not isinstance(value, np.ndarray):
             return value

@@ -1,5 +1,6 @@
 """What a gradient costs: compilation, time and memory of each way to it, and which to take."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from typing import Any
@@ -9,14 +10,17 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
+from tog_mjx.checks.measured.linearised import Linearised
 from tog_mjx.checks.measured.recorded import Simulation
 from tog_mjx.checks.told.finding import Finding, Level
 from tog_mjx.gradients.reversible import unless_refused
+from tog_mjx.running.errors import InputError
 from tog_mjx.stepping.mjx_state import copy_of
 
 
 def cost(simulation: Simulation) -> Finding:
-    """Forward mode, reverse mode and differences of C MuJoCo, for the derivative of one output in all variables."""
+    """Forward mode, reverse mode, and linear steps and differences of C MuJoCo, for the derivative of one output in all
+    variables."""
     n = len(simulation.directions)
     x = jnp.zeros(n)
     ways: dict[str, Callable] = {
@@ -24,6 +28,9 @@ def cost(simulation: Simulation) -> Finding:
         "forward mode": jax.jacfwd(lambda x: simulation.value(x)[0]),
         "reverse mode": jax.grad(lambda x: simulation.value(x)[0]),
     }
+    with contextlib.suppress(InputError):  # What C MuJoCo cannot is no rival.
+        on_c = Linearised(simulation.scene, simulation.directions)
+        ways["reverse mode through C MuJoCo"] = jax.grad(lambda x: on_c.value(x)[0])
     rows = [_measure(name, way, x) for name, way in ways.items() if name != "forward mode" or n <= 64]
     seconds = 2 * n * _seconds_of_c(simulation)
     rows.append({"way": "central differences of C MuJoCo", "compile s": 0.0, "run s": seconds, "MB": 0.0})

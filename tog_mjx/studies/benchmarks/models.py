@@ -82,7 +82,7 @@ def engines(paths: Sequence[Path], repeats: int, report: Callable[[str], None]) 
 def _costs(problem: Problem) -> dict[str, Callable[[Array], Scalar]]:
     engine = make_engine(problem, "mujoco")
     assert isinstance(engine, OnMujoco)
-    alone = dataclasses.replace(engine, forward=Forward(engine.model, problem.origin, threads=1))
+    alone = dataclasses.replace(engine, forward=Forward(problem.scene.model, problem.origin, threads=1))
     found: dict[str, Callable[[Array], Scalar]] = {
         ONE: functools.partial(final_cost, problem, alone),
         ALL: objective(problem, "mujoco"),
