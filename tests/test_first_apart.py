@@ -32,6 +32,14 @@ ROWS = """<mujoco>
   </worldbody>
   <keyframe><key qpos="0 0 .099 1 0 0 0 .4  {x} 0 .24 1 0 0 0" qvel="1 .5 0 0 1 2 3  0 0 -1 2 1 0"/></keyframe>
   </mujoco>"""
+# A steep rod that slides on a floor. MJX takes the y axis for a tangent, and C MuJoCo the rod's, at atan2(1, 3).
+ROD = """<mujoco><option iterations="100" ls_iterations="50" tolerance="1e-12" cone="{cone}"/><worldbody>
+  <geom name="floor" type="plane" size="5 5 .1" friction=".5"/>
+  <body pos="0 0 .19"><freejoint/><geom name="rod" type="capsule" size=".05 .15" zaxis=".3 .1 {up}"
+  friction=".5"/></body>
+  </worldbody><keyframe><key qpos="0 0 {z} 1 0 0 0" qvel="1 .5 -.5 0 1 .3"/></keyframe></mujoco>"""
+STEEP, FLAT = {"up": 0.9, "z": 0.190518}, {"up": 0.4, "z": 0.166676}
+"""1 mm deep."""
 
 
 def apart(xml: str):
@@ -67,3 +75,44 @@ def test_a_string_that_is_swung_is_named_and_no_collision():
     assert "<connect> string: MJX leaves out the part of its reference acceleration" in remark.what
     assert remark.measured_by == found.check
     assert apart(STRING.replace('qvel="3  .9 0 0 0 3 0"', 'qvel="0  0 0 0 0 0 0"')) is None
+
+
+def test_where_the_axes_of_a_friction_pyramid_differ_they_are_named():
+    """The sum over its edges, by which rows are compared, does not depend on them; an elliptic cone has none."""
+    found = apart(ROD.format(cone="pyramidal", **STEEP))
+    told = "18 degrees in the tangents that its friction depends on"
+    assert found.what == f"the contact of geom floor with geom rod: {told}"
+    assert found.remedy == "set cone='elliptic', which has no tangents"
+    model = mujoco.MjModel.from_xml_string(ROD.format(cone="pyramidal", **STEEP))
+    (remark,) = preflight(model, data=keyframe_start(model))
+    assert "the axes of its friction pyramid are not those of C MuJoCo" in remark.what
+    for fine in ({"cone": "elliptic", **STEEP}, {"cone": "pyramidal", **FLAT}):
+        assert apart(ROD.format(**fine)) is None
+
+
+@pytest.mark.parametrize(
+    ("shift", "turn", "what"),
+    [
+        ((0.0, 0.003, 0.0), 0.0, "0.003 m in its points"),
+        ((0.0, 0.0, 0.0), 2.0, "2 degrees in its normal"),
+    ],
+)
+def test_points_and_normals_of_contacts_are_told_apart(shift, turn, what, monkeypatch):
+    """Where C MuJoCo's have been moved by hand."""
+    model = mujoco.MjModel.from_xml_string(ROD.format(cone="elliptic", **STEEP))
+    forward, (cos, sin) = mujoco.mj_forward, (np.cos(np.radians(turn)), np.sin(np.radians(turn)))
+
+    def moved(model, data):
+        forward(model, data)
+        contact = data.contact[0]
+        contact.pos[:] += shift
+        contact.frame[:] = (np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]]) @ contact.frame.reshape(3, 3)).ravel()
+        mujoco.mj_makeConstraint(model, data)
+        mujoco.mj_referenceConstraint(model, data)
+
+    start = keyframe_start(model)
+    monkeypatch.setattr(mujoco, "mj_forward", moved)
+    found = first_apart(model, start)
+    assert found is not None
+    assert found.what == f"the contact of geom floor with geom rod: {what}"
+    assert "spheres" in found.remedy

@@ -76,12 +76,15 @@ class Contacts(NamedTuple):
     friction: Float[Array, "K 5"]
     condim: np.ndarray
     geoms: Array
+    position: Float[Array, "K 3"]
+    frame: Float[Array, "K 3 3"]
 
 
 def contacts(data: mjx.Data) -> Contacts:
     """What `mjx.fwd_position` left of them in `data`."""
     found = data._impl.contact
-    return Contacts(found.dist, found.includemargin, found.friction, np.asarray(found.dim), found.geom)
+    of = found.dist, found.includemargin, found.friction, np.asarray(found.dim), found.geom, found.pos, found.frame
+    return Contacts(*of)
 
 
 class ConstraintRows(NamedTuple):

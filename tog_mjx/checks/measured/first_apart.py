@@ -14,6 +14,9 @@ from tog_mjx.stepping.mjx_state import copy_of, on_mjx
 
 APART = 1e-4
 """Of the size of what is compared: more than rounding, and than what two converged solvers leave."""
+_DEGREES = 0.01
+"""Between two directions that count as one."""
+_CONE = "set cone='elliptic', which has no tangents"
 _COLLISIONS = "MJX's collisions are its own for some geoms: build them of spheres and capsules"
 _FORCES = {"qfrc_bias": "bias forces", "qfrc_passive": "passive forces", "qfrc_actuator": "actuator forces"}
 _CONTACTS = (
@@ -43,7 +46,7 @@ def first_apart(model: mujoco.MjModel, state: mujoco.MjData) -> Apart | None:
     mujoco.mj_forward(model, theirs)
     mjx_model = put_model(model)
     ours = compile_quickly(mjx.forward)(mjx_model, on_mjx(mjx_model, state))
-    for stage in (_smooth, _contacts, _equalities, _rows, _solver):
+    for stage in (_smooth, _contacts, _equalities, _rows, _friction, _solver):
         if found := next(stage(model, ours, theirs), None):
             return found
     return None
@@ -68,20 +71,75 @@ def _smooth(_: mujoco.MjModel, ours: mjx.Data, theirs: mujoco.MjData) -> Iterato
 
 
 def _contacts(model: mujoco.MjModel, ours: mjx.Data, theirs: mujoco.MjData) -> Iterator[Apart]:
-    """Pairs of geoms whose contacts differ: in their number, in their depths, or in what they do to the joints."""
-    touching = contacts(ours)
-    acts = np.asarray(touching.distance < touching.margin)
-    pairs = [tuple(sorted(pair)) for pair in np.asarray(touching.geoms).tolist()]
-    acting = [contact for contact in theirs.contact if not contact.exclude]
-    others = [tuple(sorted(contact.geom.tolist())) for contact in acting]
-    for pair in sorted({pair for pair, act in zip(pairs, acts, strict=True) if act} | set(others)):
-        names = geoms_named(model, pair, " with ")
-        mine = np.sort(np.asarray(touching.distance)[acts & np.array([some == pair for some in pairs])])
-        other = np.sort([contact.dist for contact, some in zip(acting, others, strict=True) if some == pair])
-        if mine.size != other.size:
-            yield Apart(f"the contact of {names}: {mine.size} points on MJX, {other.size} on C MuJoCo", _COLLISIONS)
-        elif _is_apart(mine, other):
-            yield Apart(f"the contact of {names}: {np.abs(mine - other).max():.2g} m in its depth", _COLLISIONS)
+    """Pairs of geoms whose contacts differ in their number or depths."""
+    for name, mine, other in _touching(model, ours, theirs):
+        if len(mine) != len(other):
+            yield Apart(f"{name}: {len(mine)} points on MJX, {len(other)} on C MuJoCo", _COLLISIONS)
+        elif _is_apart(depths := np.sort([point.depth for point in mine]), deeper := np.sort([p.depth for p in other])):
+            yield Apart(f"{name}: {np.abs(depths - deeper).max():.2g} m in its depth", _COLLISIONS)
+
+
+class _Point(NamedTuple):
+    """Of a contact. The normal points from the geom of the lower number to the other."""
+
+    depth: float
+    position: np.ndarray
+    normal: np.ndarray
+    tangents: np.ndarray
+    friction: np.ndarray
+
+
+def _touching(
+    model: mujoco.MjModel, ours: mjx.Data, theirs: mujoco.MjData
+) -> Iterator[tuple[str, list[_Point], list[_Point]]]:
+    """The contact of each pair of geoms, by its points on MJX and on C MuJoCo; without friction that has two zeros."""
+    points: dict[tuple[int, ...], tuple[list[_Point], list[_Point]]] = {}
+
+    def add(side: int, geoms: Any, depth: Any, position: Any, frame: Any, friction: Any) -> None:
+        first, second = np.asarray(geoms).tolist()
+        normal, *tangents = np.asarray(frame).reshape(3, 3)
+        point = _Point(
+            float(depth), np.asarray(position), normal if first < second else -normal, np.array(tangents), friction
+        )
+        points.setdefault((min(first, second), max(first, second)), ([], []))[side].append(point)
+
+    watched = contacts(ours)
+    friction = np.asarray(watched.friction)[:, :2] * (watched.condim[:, None] > 1)
+    for i in np.flatnonzero(watched.distance < watched.margin):
+        add(0, watched.geoms[i], watched.distance[i], watched.position[i], watched.frame[i], friction[i])
+    for contact in theirs.contact:
+        if not contact.exclude:
+            add(1, contact.geom, contact.dist, contact.pos, contact.frame, contact.friction[:2] * (contact.dim > 1))
+    for pair, (mine, other) in sorted(points.items(), key=lambda item: item[0]):
+        yield f"the contact of {geoms_named(model, pair, ' with ')}", mine, other
+
+
+def _geometry(model: mujoco.MjModel, ours: mjx.Data, theirs: mujoco.MjData) -> Iterator[Apart]:
+    """Contacts of as many points that differ in where these are, in their normals, or in their tangents."""
+    for name, mine, other in _touching(model, ours, theirs):
+        for point in mine:
+            there = min(other, key=lambda some: float(np.linalg.norm(some.position - point.position)))
+            off = float(np.linalg.norm(there.position - point.position))
+            tilt = np.degrees(np.arccos(np.clip(point.normal @ there.normal, -1, 1)))
+            if off > APART:
+                yield Apart(f"{name}: {off:.2g} m in its points", _COLLISIONS)
+            elif tilt > _DEGREES:
+                yield Apart(f"{name}: {tilt:.2g} degrees in its normal", _COLLISIONS)
+            else:
+                yield from _tangents(model, name, point, there)
+
+
+def _tangents(model: mujoco.MjModel, name: str, mine: _Point, other: _Point) -> Iterator[Apart]:
+    """Those of a pyramid whose sides are alike may change places, and those of a circular cone are any."""
+    is_square, is_pyramid = np.ptp(mine.friction) == 0, model.opt.cone == mjx.ConeType.PYRAMIDAL
+    if not mine.friction.any() or (is_square and not is_pyramid):
+        return
+    along, across = other.tangents @ mine.tangents[0]
+    period = 90 if is_square else 180
+    turned = abs((np.degrees(np.arctan2(across, along)) + period / 2) % period - period / 2)
+    if turned > _DEGREES:
+        remedy = _CONE if is_square else f"give both tangents the same friction; {_CONE}"
+        yield Apart(f"{name}: {turned:.2g} degrees in the tangents that its friction depends on", remedy)
 
 
 def _equalities(model: mujoco.MjModel, ours: mjx.Data, theirs: mujoco.MjData) -> Iterator[Apart]:
@@ -121,14 +179,22 @@ def _rows(model: mujoco.MjModel, ours: mjx.Data, theirs: mujoco.MjData) -> Itera
     groups = (
         ("friction losses", (kinds.mjCNSTR_FRICTION_DOF, kinds.mjCNSTR_FRICTION_TENDON), "see 'preflight'"),
         ("limits", (kinds.mjCNSTR_LIMIT_JOINT, kinds.mjCNSTR_LIMIT_TENDON), "see 'preflight'"),
-        ("contacts' points or directions", _CONTACTS, _COLLISIONS),
+        ("contacts' parameters", _CONTACTS, "see 'preflight'"),
     )
     for (name, types, remedy), first, end in zip(groups, ends[:-1], ends[1:], strict=True):
         mine = jacobian[first:end], np.asarray(rows.D[first:end]), np.asarray(rows.reference[first:end])
         some = np.isin(theirs.efc_type, types)
         other = expected[some], theirs.efc_D[some], theirs.efc_aref[some]
         if any(map(_is_apart, _pull(*mine), _pull(*other))):
+            if types is _CONTACTS:
+                yield from _geometry(model, ours, theirs)
             yield Apart(f"its {name}", remedy)
+
+
+def _friction(model: mujoco.MjModel, ours: mjx.Data, theirs: mujoco.MjData) -> Iterator[Apart]:
+    """Tangents of a pyramid: the sum over its edges does not depend on them, but what it allows does."""
+    if _is_apart(ours.qacc, theirs.qacc):
+        yield from (found for found in _geometry(model, ours, theirs) if found.remedy.endswith(_CONE))
 
 
 def _pull(jacobian: np.ndarray, D: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
