@@ -99,7 +99,9 @@ def check_scene(
 def _check_on_mjx(
     scene: SceneFunction, subject: str, path: str | Path | None, quick: bool, estimators: bool, say: Report
 ) -> Verdict:
-    on_c = dataclasses.replace(scene, differentiation="implicit"), subject, path
+    # Of what is native to MJX, C MuJoCo has the like.
+    like = "implicit" if scene.differentiation == "native" else scene.differentiation
+    on_c = dataclasses.replace(scene, differentiation=like), subject, path
     say("preflight", None)
     remarks = preflight(scene.model, path, scene.start, scene.x, scene.differentiation)
     feared = [remark.finding() for remark in remarks]

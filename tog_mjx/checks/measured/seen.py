@@ -2,8 +2,8 @@
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
 
+from tog_mjx.checks.measured.placed import Given
 from tog_mjx.engines.c_mujoco.forward import Forward
 from tog_mjx.engines.c_mujoco.moment import QACC, Dynamics, Numbers, Place
 from tog_mjx.problems.outputs import Outputs
@@ -11,7 +11,7 @@ from tog_mjx.stepping.velocity_space import velocity_basis
 
 
 class Seen:
-    """Of states [., s] and the controls in force, see `engines.c_mujoco.forward`."""
+    """Of the last states of motions, the controls in force and what is held."""
 
     def __init__(self, y: Outputs, forward: Forward):
         model, (kind, name) = forward.model, y.source
@@ -30,27 +30,20 @@ class Seen:
                 self._which = self._which + (0 if kind == "qpos" else model.nq)
         self._numbers = numbers
 
-    def values(self, states: Float[np.ndarray, "N s"], controls: Float[np.ndarray, "N nu"]) -> np.ndarray:
+    def values(self, given: Given) -> np.ndarray:
         """y, [N, m]."""
-        every = (
-            states[:, 1:] if self._numbers is None else self._numbers.values(states, controls, self._held(len(states)))
-        )
+        every = given.states[:, 1:] if self._numbers is None else self._numbers.values(*given)
         return every[:, self._which]
 
-    def slopes(
-        self,
-        state: Float[np.ndarray, " s"],
-        controls: Float[np.ndarray, " nu"],
-        moved: Float[np.ndarray, "n K"],
-        steered: Float[np.ndarray, "nu K"],
-    ) -> np.ndarray:
-        """What y changes by, [m, K], as (qpos, qvel, act) are `moved` and controls `steered`."""
+    def slopes(self, end: Given, moved: Given, is_held: bool) -> np.ndarray:
+        """What y changes by at an end [1, ...], [m, K], as (qpos, qvel, act), controls and, with `is_held`, what is
+        held are moved."""
         if self._numbers is None:
-            return moved[self._which]
+            return moved.states[self._which]
         q = self._forward.ends[1]
-        turned = velocity_basis(self._forward.model, state[1:q]) @ moved[: q - 1]
-        change = np.concatenate([turned, moved[q - 1 :], steered])
-        return self._numbers.slopes(state[None], controls[None], self._held(1))[0, self._which] @ change
-
-    def _held(self, count: int) -> np.ndarray:
-        return np.tile(self._forward.row, (count, 1))
+        turned = velocity_basis(self._forward.model, end.states[0, 1:q]) @ moved.states[: q - 1]
+        change = np.concatenate([turned, moved.states[q - 1 :], moved.controls])
+        found = self._numbers.slopes(*end)[0, self._which] @ change
+        if is_held:
+            found = found + self._numbers.in_held(*end)[0, self._which] @ moved.held
+        return found

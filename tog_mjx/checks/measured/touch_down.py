@@ -46,8 +46,11 @@ class _Side:
         self.simulation = simulation
         self.model, self.start = simulation.displaced(x)
         self.inputs = {name: self.start[name] for name in INPUTS}
-        parameter = simulation.scene.x.parameter
-        self.c_model = parameter.in_c(parameter.value + x) if parameter else simulation.scene.model
+        parameter, self.c_model = simulation.scene.x.parameter, simulation.scene.model
+        if isinstance(self.model, mujoco.MjModel):
+            self.c_model = self.model
+        elif parameter:
+            self.c_model = parameter.in_c(parameter.value + x)
 
     def run(self, steps: int, motion: Motion | None = None, sample: int = 0) -> Motion:
         return self.simulation.run(self.model, steps, {**self.start, **(motion.at(sample) if motion else {})})
