@@ -1,5 +1,7 @@
 """A number of the model moves what follows from it: against the MJCF text, changed and compiled again."""
 
+import copy
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -61,6 +63,15 @@ def arrays(model) -> dict[str, np.ndarray]:
     return {**found, "tensor": (turned * moments[:, None]) @ turned.swapaxes(1, 2)}
 
 
+def mass_matrix(model: mujoco.MjModel) -> np.ndarray:
+    """Of the bodies and joints alone."""
+    model.tendon_armature[:] = 0.0
+    data, found = mujoco.MjData(model), np.zeros((model.nv, model.nv))
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, found)
+    return found
+
+
 @pytest.mark.parametrize(
     ("text", "parameter", "follows"),
     [
@@ -88,8 +99,33 @@ def test_all_moves_as_when_the_text_is_compiled_again(text, parameter, follows):
         moved = (ours[name] - theirs[name]) / (2 * h)
         reach = max(np.abs(value).max() / TEXT[text], np.abs(expected).max())
         np.testing.assert_allclose(moved, expected, rtol=0, atol=1e-6 * reach, err_msg=name)
-        exact = ahead[name] if name in ("geom_rbound", "geom_aabb") else ours[name]  # Lest C overlooks a contact.
+        if name == "dof_M0":  # Of the arrays as they are, not to first order.
+            exact = mass_matrix(copy.copy(in_c)).diagonal()
+        else:
+            exact = ahead[name] if name in ("geom_rbound", "geom_aabb") else ours[name]  # Lest C overlooks a contact.
         np.testing.assert_allclose(arrays(in_c)[name], exact, rtol=0, atol=1e-12 * reach, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "speed"),
+    [("body_gravcomp[1]", 1.0, [0, 0, 0]), ("field:body_mass[1]", 2.0, [0.005, 0, -0.01962])],
+)
+def test_what_c_skips_by_what_was_compiled_moves_too(name, number, speed):
+    """In free fall with a force of 5 N: what gravity is compensated by, and a mass matrix that is constant."""
+    text = """<mujoco><worldbody><body><freejoint/><geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
+    model = tog.Parameter(mujoco.MjModel.from_xml_string(text), name).in_c(np.array([number]))
+    data = mujoco.MjData(model)
+    data.qfrc_applied[0] = 5.0 * (number == 2.0)
+    mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.qvel[:3], speed, rtol=1e-12, atol=1e-15)
+
+
+def test_a_geom_moves_away_from_its_bodys_frame():
+    text = """<mujoco><worldbody><body><freejoint/><geom size="0.1" mass="1"/></body></worldbody></mujoco>"""
+    model = tog.Parameter(mujoco.MjModel.from_xml_string(text), "field:geom_pos[0, 0]").in_c(np.array([0.3]))
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    np.testing.assert_allclose(data.geom_xpos[0], [0.3, 0, 0], atol=1e-15)
 
 
 def test_a_mass_of_geoms_is_their_density():

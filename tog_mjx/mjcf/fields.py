@@ -36,7 +36,7 @@ def entries(text: str, shape: tuple[int, ...]) -> Int[np.ndarray, " k"]:
     Raises:
       InputError: for an index that is not in the array.
     """
-    every = np.arange(math.prod(shape)).reshape(shape)
+    every = np.arange(math.prod(shape), dtype=np.int32).reshape(shape)  # JAX adds no int64 where float64 is off.
     name, bracket, index = text.partition("[")
     if not bracket:
         return every.ravel()

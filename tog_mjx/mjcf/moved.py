@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import mujoco
 import mujoco.batch
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from tog_mjx.mjcf.fields import attribute, float_fields
 from tog_mjx.running.errors import InputError
@@ -16,15 +16,13 @@ from tog_mjx.running.types import AnyArray
 
 Rates = dict[str, Float[np.ndarray, "size n"]]
 """By array, the derivative of all its numbers in those that move it."""
-_BOUNDS = frozenset({"geom_rbound", "geom_aabb"})
-"""In which geoms have to lie, lest C MuJoCo overlooks contacts."""
-_OWN = _BOUNDS | {"body_subtreemass", "dof_M0"}
-"""What C MuJoCo has at hand of other arrays, and MJX derives as it goes."""
+_OWN = frozenset({"body_subtreemass", "dof_M0", "geom_rbound", "geom_aabb"})
+"""What C MuJoCo has at hand of other arrays, to be true of them exactly; MJX computes it as it goes, or does not."""
 _READ, _WRITTEN = (set(getattr(mujoco.MjModel, f"_setconst_{which}")) for which in ("inputs", "outputs"))
 """By `mj_setConst`. MuJoCo tells to read these names, though they are private."""
 _KEPT = sorted(_WRITTEN & float_fields() - _OWN)
-_FRAMES = ("body_ipos", "body_iquat")
-"""Where a body's inertia is."""
+_FRAMES = ("body_ipos", "body_iquat", "jnt_pos", "jnt_axis")
+"""What may couple the joints of a body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,31 +41,24 @@ class MovedModel:
         """The model as it is."""
         return cls(model, {}, {}, np.zeros(0), np.zeros(0))  # Of NumPy: nothing is compiled.
 
-    def __getattr__(self, name: str) -> Any:
-        """A field as an array of JAX, and what is no field as the model has it."""
-        if name in self.__dataclass_fields__:  # As of one that is being copied.
-            raise AttributeError(name)
-        value = self.drawn.get(name, getattr(self.model, name))
-        if name not in float_fields() or not isinstance(value, np.ndarray):
-            return value
-        return jnp.asarray(np.array(value), float)  # A copy: JAX may share the memory of an array.
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Of the fields that can be drawn."""
+        found = {name: np.asarray(getattr(self.model, name)) for name in float_fields() if "." not in name}
+        return {name: value.shape for name, value in found.items() if value.dtype.kind == "f"}
 
     def tree_replace(self, fields: Mapping[str, Array]) -> "MovedModel":
-        """With other fields, in which nothing is differentiated.
-
-        Raises:
-          InputError: for one that C MuJoCo does not move.
-        """
+        """With other fields, in which nothing is differentiated; errors are those of `check_moves`."""
         for name in fields:
-            _check(self.model, name, np.ones(np.shape(attribute(self.model, name)), bool))
+            check_moves(self.model, name)
         return MovedModel(self.model, {**self.drawn, **fields}, self.rates, self.size, self.change)
 
     def displaced(self, rates: Rates, size: Float[np.ndarray, " n"], change: Float[Array, " n"]) -> "MovedModel":
-        """With more that moves it; errors are those of `tree_replace`."""
+        """With more that moves it; errors are those of `check_moves`."""
         before, n = len(self.size), len(size)
         found = {name: np.pad(of, ((0, 0), (0, n))) for name, of in self.rates.items()}
         for name, of in rates.items():
-            _check(self.model, name, of.any(1).reshape(np.shape(attribute(self.model, name))))
+            check_moves(self.model, name, np.flatnonzero(of.any(1)))
             found.setdefault(name, np.zeros((len(of), before + n)))[:, before:] = of
         joined = np.append(self.size, size), jnp.concatenate([self.change.astype(change.dtype), change])
         return MovedModel(self.model, self.drawn, found, *joined)
@@ -83,12 +74,18 @@ class MovedModel:
         return found
 
 
-def _check(model: mujoco.MjModel, name: str, moved: np.ndarray) -> None:
+def check_moves(model: mujoco.MjModel, name: str, chosen: Int[np.ndarray, " k"] | None = None) -> None:
+    """Raises InputError where C MuJoCo does not move numbers `chosen` of a field, or all of it, of a compiled model."""
     if name not in mujoco.batch.MODEL_FIELDS:
         raise InputError(f"C MuJoCo cannot move {name} of one motion and not of others; take engine mjx")
-    if name in _FRAMES and (simple := np.flatnonzero(moved.any(1) & (model.body_simple > 0))).size:
+    if name not in _FRAMES:
+        return
+    of_bodies = np.arange(model.nbody) if name.startswith("body") else model.jnt_bodyid
+    rows = np.arange(len(of_bodies)) if chosen is None else chosen // getattr(model, name).shape[1]
+    bodies = of_bodies[rows]
+    if (simple := bodies[model.body_simple[bodies] > 0]).size:
         whose = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, simple[0]) or f"number {simple[0]}"
-        told = f"{name} of body {whose}, which C MuJoCo has compiled as one whose inertia is at its frame, cannot move"
+        told = f"C MuJoCo cannot move {name} of body {whose}, whose mass matrix it has compiled as a diagonal one"
         raise InputError(f"{told}; write simple='false' at that <body>, or take engine mjx")
 
 
@@ -104,5 +101,5 @@ def put(model: mujoco.MjModel, fields: Mapping[str, Any], write: Callable[[str, 
         derive()
         kept = {name: getattr(model, name) for name in _KEPT}
         for name, value in {**kept, **fields}.items():
-            if name not in _BOUNDS:
+            if name not in _OWN:
                 write(name, value)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from tog_mjx.mjcf.fields import array_name, assign, attribute, entries, entry_names, field_of
 from tog_mjx.mjcf.followers import Followers, Origin, compiled, followers, spec_of
-from tog_mjx.mjcf.moved import MovedModel, Rates, put
+from tog_mjx.mjcf.moved import MovedModel, Rates, check_moves, put
 from tog_mjx.running.errors import InputError, require_kind
 from tog_mjx.running.types import AnyArray
 from tog_mjx.stepping._mjx import mjx, put_model, with_forces_of
@@ -61,10 +61,21 @@ class Parameter:
         return self.moved(put_model(self.model), jnp.asarray(x) - self.value)
 
     def in_c(self, x: Float[AnyArray, " n"]) -> mujoco.MjModel:
-        """The same model of C MuJoCo: a copy."""
+        """The same model of C MuJoCo: a copy.
+
+        Raises:
+          InputError: for a number that C MuJoCo does not move of a compiled model.
+        """
+        for name, rate in self.rates.items():
+            check_moves(self.model, name, np.flatnonzero(rate.any(1)))
         changed, on_mjx = copy.copy(self.model), self(x)
         fields = {name: np.asarray(attribute(on_mjx, name)) for name in self.arrays}
-        put(self.model, fields, functools.partial(assign, changed), lambda: _set_const(changed, self.name))
+        put(
+            self.model,
+            fields,
+            functools.partial(assign, changed),
+            lambda: mujoco.mj_setConst(changed, mujoco.MjData(changed)),
+        )
         return changed
 
     @functools.cached_property
@@ -103,10 +114,3 @@ class Parameter:
                 moved = jnp.zeros(value.size, value.dtype).at[self.chosen].set(change)
             found[name] = value + moved.reshape(value.shape)
         return with_forces_of(model.tree_replace(found), self.array)
-
-
-def _set_const(model: mujoco.MjModel, name: str) -> None:
-    try:
-        mujoco.mj_setConst(model, mujoco.MjData(model))
-    except mujoco.FatalError as error:
-        raise InputError(f"C MuJoCo cannot move {name}: {' '.join(str(error).split())}") from None

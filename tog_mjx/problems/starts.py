@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import jax
 from jaxtyping import Array, Key
 
+from tog_mjx.mjcf.moved import MovedModel
 from tog_mjx.problems.wrt import Model
 from tog_mjx.running.errors import InputError, near, require_kind, require_whole
 from tog_mjx.stepping._mjx import mjx
@@ -37,14 +38,21 @@ class Starts:
           InputError: for a name that is neither the start's nor the model's, or a shape that is not its own.
         """
         drawn = dict(jax.vmap(self.sample)(jax.random.split(key, count)))
-        fields = {name for name in mjx.Model.__annotations__ if isinstance(getattr(model, name, None), jax.Array)}
+        shapes = {**_shapes(model), **{name: start[name].shape for name in START}}
         for name, value in drawn.items():
-            if name not in fields and name not in START:
-                choices = [*START, *sorted(fields)]
+            if name not in shapes:
+                choices = [*START, *sorted(shapes)]
                 raise InputError(
                     f"a start has no {name}; give {', '.join(START)} or a field of mjx.Model{near(name, choices)}"
                 )
-            shape = (start[name] if name in START else getattr(model, name)).shape
-            if value.shape[1:] != shape:
-                raise InputError(f"the starts' {name} has the shape {list(value.shape[1:])}; give {list(shape)}")
+            if value.shape[1:] != shapes[name]:
+                raise InputError(f"the starts' {name} has the shape {list(value.shape[1:])}; give {list(shapes[name])}")
         return {name: drawn.pop(name) for name in START if name in drawn}, drawn
+
+
+def _shapes(model: Model) -> dict[str, tuple[int, ...]]:
+    """Of the fields that may be drawn."""
+    if isinstance(model, MovedModel):
+        return model.shapes
+    found = {name: getattr(model, name, None) for name in mjx.Model.__annotations__}
+    return {name: value.shape for name, value in found.items() if isinstance(value, jax.Array)}

@@ -1,5 +1,6 @@
 """Which touch-down, or parting, makes a motion jump where a variable moves by next to nothing."""
 
+import contextlib
 from collections import Counter
 
 import mujoco
@@ -8,6 +9,7 @@ from jaxtyping import Float
 
 from tog_mjx.checks.measured.motion import Motion, Recorder
 from tog_mjx.mjcf.supported import geoms_named, name_of
+from tog_mjx.running.errors import InputError
 from tog_mjx.stepping.mjx_state import INPUTS, copy_of
 
 NOTHING = 1e-9
@@ -50,7 +52,8 @@ class _Side:
         if isinstance(self.model, mujoco.MjModel):
             self.c_model = self.model
         elif parameter:
-            self.c_model = parameter.in_c(parameter.value + x)
+            with contextlib.suppress(InputError):  # It gives names alone, and what it does not move hardly counts.
+                self.c_model = parameter.in_c(parameter.value + x)
 
     def run(self, steps: int, motion: Motion | None = None, sample: int = 0) -> Motion:
         return self.simulation.run(self.model, steps, {**self.start, **(motion.at(sample) if motion else {})})
