@@ -109,9 +109,33 @@ def test_a_difference_that_crosses_a_touch_is_not_taken(height):
         np.testing.assert_allclose(gradient, [1, 0.005], rtol=1e-7)
 
 
+COUPLED = """
+<mujoco>
+  <option timestep="0.01" integrator="{integrator}" gravity="0 0 0"/>
+  <worldbody>
+    <body><joint name="a" type="slide" axis="1 0 0"/><geom size="0.1" mass="100"/></body>
+    <body pos="0 1 0"><joint name="b" type="slide" axis="1 0 0"/><geom size="0.1" mass="100"/></body>
+  </worldbody>
+  <equality><joint joint1="a" joint2="b"/></equality>
+  <actuator><motor joint="a"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4"])
+@pytest.mark.parametrize("output", [lambda last: last.qpos[0], lambda last: last.qacc[1]])
+def test_a_solver_at_its_answer_answers_to_a_difference(integrator, output):
+    """Two masses joined, at rest: a force of 1e-6 N on one is less than the solver's tolerance. All is linear."""
+    model = mujoco.MjModel.from_xml_string(COUPLED.format(integrator=integrator))
+    J = tog.objective(tog.Problem(model, STEPS, cost=output), "mujoco")
+    expected = float(J(np.ones(1)) - J(-np.ones(1))) / 2
+    assert abs(expected) > 1e-5
+    for gradient in in_both_modes(J, np.zeros(1)):
+        np.testing.assert_allclose(gradient, expected, rtol=1e-4)
+
+
 SEESAW = """
 <mujoco>
-  <option timestep="0.005" gravity="0 0 0"/>
+  <option timestep="0.005" gravity="0 0 0" tolerance="1e-14"/>
   <worldbody><geom type="plane" size="5 5 0.1" solref="{law}"/>
     <body pos="0 0 0.1"><joint type="slide" axis="0 0 1"/><joint axis="0 1 0"/>
       <geom size="0.1" pos="1 0 0" mass="1" solref="{law}"/>

@@ -43,7 +43,8 @@ class Seen:
         q = self._forward.ends[1]
         turned = velocity_basis(self._forward.model, end.states[0, 1:q]) @ moved.states[: q - 1]
         change = np.concatenate([turned, moved.states[q - 1 :], moved.controls])
-        found = self._numbers.slopes(*end)[0, self._which] @ change
+        precise = self._numbers.precise
+        found = precise.slopes(*end)[0, self._which] @ change
         if is_held:
-            found = found + self._numbers.in_held(*end)[0, self._which] @ moved.held
+            found = found + precise.in_held(*end)[0, self._which] @ moved.held
         return found

@@ -7,6 +7,7 @@ input, and stays as the problem's start has it.
 
 import contextlib
 import copy
+import functools
 import hashlib
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -32,6 +33,8 @@ STATE = sum(
 )
 WHOLE = int(_PART.mjSTATE_INTEGRATION)
 WARNED = 1
+PRECISE = 1e-14
+"""Tolerance of the solver in differences of 1e-6 or 1e-8: Newton's method needs one iteration more for it, or none."""
 AT_ONCE = 10_000
 """Steps of a thread during which Python looks for no signals: a tenth of a second to a few."""
 _HIDDEN = {
@@ -73,11 +76,21 @@ class Forward:
         self.ends = np.cumsum([1, model.nq, model.nv, model.na])
         """Where time, qpos, qvel and act end in s."""
         # Making one costs more than a step of a small model. Every call takes what nobody uses, and sets all of it.
-        self._idle: defaultdict[int, list[mujoco.batch.Batch]] = defaultdict(list)
+        self.idle: defaultdict[int, list[mujoco.batch.Batch]] = defaultdict(list)
         self.spare: list[mujoco.MjData] = []
         self.rooms: list[Any] = []
         """Those of `switching`."""
         self._others: dict[bytes, Forward] = {}
+
+    @functools.cached_property
+    def precise(self) -> "Forward":
+        """The same for differences: a solver with the tolerance of motions takes what a difference changes for nothing,
+        where it begins at its answer."""
+        other = copy.copy(self)
+        other.model = copy.copy(self.model)
+        other.model.opt.tolerance = min(self.model.opt.tolerance, PRECISE)
+        other.idle, other.spare, other.rooms = defaultdict(list), [], []
+        return other
 
     def holding(self, model: MovedModel) -> "Forward":
         """The same with rows of what moves that model; one for all equal ones."""
@@ -121,7 +134,7 @@ class Forward:
     @contextlib.contextmanager
     def batch(self, count: int, held: Float[np.ndarray, "n h"] | None = None) -> Iterator[mujoco.batch.Batch]:
         """So many simulations that nobody uses, with the inputs and, the first ones, with what is held."""
-        idle = self._idle[count]
+        idle = self.idle[count]
         batch = taken(idle, lambda: mujoco.batch.Batch(self.model, count, min(self.threads, count)))
         batch.state[:] = self.whole
         batch.warning[:] = WARNED

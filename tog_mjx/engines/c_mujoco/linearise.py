@@ -55,6 +55,7 @@ def slopes(
 ) -> Slopes:
     """The derivatives of N steps, with `is_held` those in what is held too. Each is computed from its own state alone,
     on whichever thread. Those of steps that burst are NaN."""
+    forward = forward.precise
     model, (_, q, *_) = forward.model, forward.ends
     held = np.tile(forward.row, (len(before), 1)) if held is None else held
     usable = np.flatnonzero(np.isfinite(after).all(1) & np.isfinite(before).all(1))

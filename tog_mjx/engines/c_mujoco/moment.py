@@ -5,6 +5,7 @@ A moment is a state s, see `forward`, the controls in force, and what is held: w
 """
 
 import abc
+import dataclasses
 import functools
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -42,6 +43,11 @@ class Numbers(abc.ABC):
     @property
     def identity(self) -> np.ndarray:
         return np.append(self.forward.identity, np.array(self.which, np.uint32))
+
+    @property
+    def precise(self) -> "Numbers":
+        """The same for differences, see `Forward.precise`."""
+        return dataclasses.replace(self, forward=self.forward.precise)
 
     @abc.abstractmethod
     def values(self, states: States, controls: Controls, held: Rows) -> np.ndarray:

@@ -55,8 +55,9 @@ def _slopes(numbers: Numbers, is_held: bool, state: Array, controls: Array, held
 
     def run(states: np.ndarray, controls: np.ndarray, *held: np.ndarray) -> list[np.ndarray]:
         rows = np.concatenate(held, axis=1)
-        found = numbers.slopes(states, controls, rows)
-        of_held = numbers.in_held(states, controls, rows) if is_held else np.zeros((len(rows), numbers.size, 0))
+        precise = numbers.precise
+        found = precise.slopes(states, controls, rows)
+        of_held = precise.in_held(states, controls, rows) if is_held else np.zeros((len(rows), numbers.size, 0))
         return [columns_in_positions(model, states[:, 1:q], found[..., :n]), found[..., n:], of_held]
 
     shapes = [(numbers.size, int(last) - 1), (numbers.size, model.nu), (numbers.size, m)]
