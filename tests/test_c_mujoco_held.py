@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 import pytest
-from test_c_mujoco import BODIES, FLOOR, PLANAR, distance, in_both_modes, speeds
+from c_mujoco_scenes import BODIES, FLOOR, PLANAR, distance, in_both_modes, speeds
 
 import tog_mjx as tog
 from tog_mjx.engines.c_mujoco.forward import Forward
