@@ -125,7 +125,7 @@ class OnPlane(Engine):
 
 @dataclass(frozen=True, eq=False)
 class OnMujoco(Engine):
-    """Any scene, on C MuJoCo; its model is MuJoCo's."""
+    """Any scene, on C MuJoCo; its model is a `MovedModel`."""
 
     forward: Forward
 

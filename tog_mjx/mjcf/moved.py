@@ -83,7 +83,7 @@ def check_moves(model: mujoco.MjModel, name: str, chosen: Int[np.ndarray, " k"] 
     of_bodies = np.arange(model.nbody) if name.startswith("body") else model.jnt_bodyid
     rows = np.arange(len(of_bodies)) if chosen is None else chosen // getattr(model, name).shape[1]
     bodies = of_bodies[rows]
-    if (simple := bodies[model.body_simple[bodies] > 0]).size:
+    if (simple := bodies[(bodies > 0) & (model.body_simple[bodies] > 0)]).size:
         whose = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, simple[0]) or f"number {simple[0]}"
         told = f"C MuJoCo cannot move {name} of body {whose}, whose mass matrix it has compiled as a diagonal one"
         raise InputError(f"{told}; write simple='false' at that <body>, or take engine mjx")
