@@ -78,6 +78,8 @@ def test_the_contacts(both):
         assert found.condim[i] == contact.dim
         np.testing.assert_array_equal(found.geoms[i], contact.geom)
         np.testing.assert_allclose(found.distance[i], contact.dist, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.position[i], contact.pos, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found.frame[i].ravel(), contact.frame, rtol=0, atol=1e-12)
         np.testing.assert_allclose(found.margin[i], contact.includemargin, rtol=1e-12)
         np.testing.assert_allclose(found.friction[i], contact.friction, rtol=1e-12)
     assert [(int(first), int(second)) for first, second, _ in geom_pairs(model)] == [(0, 1), (0, 2)]

@@ -113,7 +113,9 @@ class Forward:
         MuJoCo warns that a motion has burst they are NaN."""
         count, steps, _ = controls.shape
         most = self.threads * max(1, AT_ONCE // steps)
-        parts = [slice(first, first + most) for first in range(0, max(count, 1), most)]
+        if count <= most:
+            return self._at_once(states, controls, held)
+        parts = [slice(first, first + most) for first in range(0, count, most)]
         rows = [None if held is None else held[part] for part in parts]
         given = zip(parts, rows, strict=True)
         return np.concatenate([self._at_once(states[part], controls[part], some) for part, some in given])
