@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from tog_mjx.engines.c_mujoco.forward import STATE, Forward
+from tog_mjx.engines.c_mujoco.forward import STATE, WARNED, Forward
 from tog_mjx.running.errors import InputError
 from tog_mjx.stepping.converged import converged
 from tog_mjx.stepping.touch import KICKS
@@ -25,21 +25,11 @@ REACH = 8.0
 two bodies move, friction may add as much as the normal force, and it is as wide as KICKS / 2 kicks."""
 SIDE = 1e-4
 """Of a difference through the integrator, in velocity, in which it is linear but for what turns."""
-_KIND = mujoco.mjtConstraint
-_JOINT, _TENDON, _CONTACT, _ELLIPTIC = (
-    int(kind)
-    for kind in (
-        _KIND.mjCNSTR_LIMIT_JOINT,
-        _KIND.mjCNSTR_LIMIT_TENDON,
-        _KIND.mjCNSTR_CONTACT_FRICTIONLESS,
-        _KIND.mjCNSTR_CONTACT_ELLIPTIC,
-    )
-)
-"""Kinds of rows; those of contacts are the last."""
-_QUADRATIC, _CONE = (
-    int(state)
-    for state in (mujoco.mjtConstraintState.mjCNSTRSTATE_QUADRATIC, mujoco.mjtConstraintState.mjCNSTRSTATE_CONE)
-)
+_CONTACT = int(mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS)
+"""Rows of this kind and of those after it are of contacts."""
+_ELLIPTIC = int(mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC)
+_QUADRATIC = int(mujoco.mjtConstraintState.mjCNSTRSTATE_QUADRATIC)
+_CONE = int(mujoco.mjtConstraintState.mjCNSTRSTATE_CONE)
 
 
 class Rows(NamedTuple):
@@ -63,13 +53,22 @@ class Jumps:
         self.model.opt.noslip_iterations = 0
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND  # Rows change after they are found.
         self.data = mujoco.MjData(self.model)
+        for kind in self.data.warning:
+            kind.number = WARNED
+        limits = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT), int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
+        self._first = np.full(_ELLIPTIC + 1, -1)
+        """Of each kind of rows: its first switch, or -1 if they belong to none."""
+        self._first[[*limits, _CONTACT]] = 0, self.model.njnt, self.model.njnt + self.model.ntendon
+        self._first[_CONTACT:] = self._first[_CONTACT]
+        self._held: np.ndarray | None = None
         self._read()
 
     def _read(self) -> None:
         """What is asked of the model as it is given."""
         given = self.model
         self._limits = np.concatenate([given.jnt_margin, given.tendon_margin])
-        self._gaps = {name: getattr(given, name).copy() for name in ("geom_gap", "pair_gap", "flex_gap", "body_margin")}
+        gaps = given.geom_gap, given.pair_gap, given.flex_gap, given.body_margin
+        self._gaps = [(gap, gap.copy()) for gap in gaps if gap.size]
         self._extent = np.zeros(given.nbody)
         """Of each body: how far from its frame its geoms end."""
         np.maximum.at(self._extent, given.geom_bodyid, np.linalg.norm(given.geom_pos, axis=1) + given.geom_rbound)
@@ -86,11 +85,7 @@ class Jumps:
         jump = np.zeros((2 * nv + self.model.na, nv))
         # The next step's solver begins at the acceleration of this one.
         qacc = after[self.forward.ends[-1] :]
-        self._reach(0.0, self._limits)
-        self.forward.hold(self.data, held)
-        if self.forward.layout.moves_model:
-            self._read()
-        self._begin(before, controls, qacc)
+        self._begin(before, controls, held, qacc)
         gap = self._see(qacc)
         if np.isfinite(gap).any():
             width, normals = self._boxes(gap, qacc)
@@ -101,28 +96,37 @@ class Jumps:
                     jump[: 2 * nv] += np.outer(self._integrated(before, qacc, part), slope)
         return jump
 
-    def _begin(self, before: np.ndarray, controls: np.ndarray, qacc: np.ndarray) -> None:
+    def _begin(self, before: np.ndarray, controls: np.ndarray, held: np.ndarray, qacc: np.ndarray) -> None:
         """The data of the state."""
         model, data = self.model, self.data
+        self._reach(0.0)
+        self._limit(self._limits)
+        if self._held is None or (held != self._held).any():
+            self.forward.hold(data, held)
+            self._held = held
+            self._read()
         mujoco.mj_setState(model, data, before, STATE)
         data.ctrl[:], data.qacc_warmstart[:] = controls, qacc
         for stage in (mujoco.mj_fwdPosition, mujoco.mj_fwdVelocity, mujoco.mj_fwdActuation, mujoco.mj_fwdAcceleration):
             stage(model, data)
 
-    def _reach(self, beyond: float, limits: Float[np.ndarray, " limits"]) -> None:
-        """Contacts are seen from so far beyond their margins on, and limits within these margins."""
-        for name, given in self._gaps.items():
-            getattr(self.model, name)[:] = given + beyond
-        self.model.jnt_margin[:], self.model.tendon_margin[:] = np.split(limits, [self.model.njnt])
+    def _reach(self, beyond: float) -> None:
+        """Contacts are seen from so far beyond their margins on."""
+        for here, given in self._gaps:
+            here[:] = given + beyond
+
+    def _limit(self, margins: np.ndarray) -> None:
+        """Limits [njnt + ntendon] have rows within these margins."""
+        joints = self.model.njnt
+        self.model.jnt_margin[:], self.model.tendon_margin[:] = margins[:joints], margins[joints:]
 
     def _see(self, qacc: Float[np.ndarray, " nv"]) -> Float[np.ndarray, " S"]:
         """How far each switch is from acting; infinitely if farther than a box reaches. Finds contacts anew."""
         model, data, dt = self.model, self.data, self.model.opt.timestep
         limits = self._limits + mujoco.mjMAXVAL  # How far a tendon goes in a step is not known: all are seen.
         limits[: model.njnt] = self._limits[: model.njnt] + REACH * (dt * abs(data.qvel) + dt**2 * abs(qacc)).max()
-        qvel = data.qvel.copy()
-        way = dt**2 * self._speed(qacc) + dt * self._speed(qvel)  # The data's own last, to leave all as it was.
-        self._reach(REACH * way, limits)
+        self._limit(limits)
+        self._reach(REACH * self._way(qacc))
         mujoco.mj_collision(model, data)
         mujoco.mj_makeConstraint(model, data)
         of_limits, switches = np.full(len(limits), np.inf), self._switches()
@@ -133,27 +137,28 @@ class Jumps:
         of_contacts = np.where(self._excluded, np.inf, touching.dist - self._margins)
         return np.concatenate([of_limits, of_contacts])
 
-    def _speed(self, qvel: Float[np.ndarray, " nv"]) -> float:
-        """That of the quickest point of any geom [m/s]."""
-        model, data = self.model, self.data
-        data.qvel[:] = qvel
-        mujoco.mj_comVel(model, data)
-        turn, about = data.cvel[:, :3], data.xpos - data.subtree_com[model.body_rootid]
-        along = data.cvel[:, 3:] + np.cross(turn, about)
-        return float((np.linalg.norm(along, axis=1) + np.linalg.norm(turn, axis=1) * self._extent).max())
+    def _way(self, qacc: np.ndarray) -> float:
+        """How far [m] the quickest point of any geom goes in a step, by its speed and by its acceleration."""
+        model, data, dt, way = self.model, self.data, self.model.opt.timestep, 0.0
+        arms = self._extent + np.linalg.norm(data.xpos - data.subtree_com[model.body_rootid], axis=1)
+        for qvel, duration in ((qacc, dt**2), (data.qvel.copy(), dt)):  # The data's own last, to leave all as it was.
+            data.qvel[:] = qvel
+            mujoco.mj_comVel(model, data)
+            turn, along = np.sqrt((data.cvel.reshape(-1, 2, 3) ** 2).sum(2)).T
+            way += duration * float((along + turn * arms).max())
+        return way
 
-    def _switches(self) -> Int[np.ndarray, " nefc"]:
-        """Whose each row is; -1 of those that belong to no switch."""
-        kind, of = self.data.efc_type, self.data.efc_id
-        joints, limits = self.model.njnt, self.model.njnt + self.model.ntendon
-        return np.select([kind == _JOINT, kind == _TENDON, kind >= _CONTACT], [of, joints + of, limits + of], -1)
+    def _switches(self) -> np.ndarray:
+        """Whose each row is, [nefc]; -1 if nobody's."""
+        first = self._first[self.data.efc_type]
+        return np.where(first < 0, -1, first + self.data.efc_id)
 
-    def _rows(self, gap: Float[np.ndarray, " S"], surface: Bool[np.ndarray, " S"], out: Bool[np.ndarray, " S"]) -> Rows:
-        """The rows with some switches as if they touched just now, some left out, and the others as they are."""
+    def _rows(self, gap: np.ndarray, surface: np.ndarray, out: np.ndarray) -> Rows:
+        """The rows with some switches [S] as if they touched just now, some left out, and the others as they are."""
         model, data, limits = self.model, self.data, len(self._limits)
         margins = np.concatenate([self._limits, self._margins]) + np.where(surface, gap + TOUCHING, 0.0)
         margins[out] = -mujoco.mjMAXVAL
-        self._reach(0.0, margins[:limits])
+        self._limit(margins[:limits])
         data.contact.includemargin[:] = margins[limits:]
         is_void = out | ((gap >= 0) & ~surface)
         data.contact.exclude[:] = np.where(self._excluded, 2, is_void[limits:])
@@ -163,18 +168,18 @@ class Jumps:
 
     def _found(self, count: int) -> Rows:
         model, data = self.model, self.data
-        jacobian = np.zeros((data.nefc, model.nv))
         if mujoco.mj_isSparse(model):
+            jacobian = np.zeros((data.nefc, model.nv))
             pattern = data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
             mujoco.mju_sparse2dense(jacobian, data.efc_J, *pattern)
         else:
-            jacobian[:] = data.efc_J.reshape(jacobian.shape)
-        switches, kind = self._switches(), data.efc_type
-        owns = np.arange(count)[:, None] == switches
+            jacobian = data.efc_J.reshape(data.nefc, model.nv).copy()
+        switches = self._switches()
+        owns = (np.arange(count)[:, None] == switches).astype(float)
         # Of an elliptic contact the first row, of a pyramidal one the mean of its edges.
-        later = np.append(False, (switches[1:] == switches[:-1]) & (kind[1:] == _ELLIPTIC))
-        of_normal = owns & ~later[: data.nefc]
-        normals = of_normal @ jacobian / np.maximum(of_normal.sum(1), 1)[:, None]
+        of_normal = owns.copy()
+        of_normal[:, 1:] *= (switches[1:] != switches[:-1]) | (data.efc_type[1:] != _ELLIPTIC)
+        normals = of_normal @ jacobian / np.maximum(of_normal.sum(1), 1.0)[:, None]
         return Rows(jacobian, owns, normals, of_normal @ data.efc_D)
 
     def _boxes(
@@ -187,15 +192,14 @@ class Jumps:
         force = self._force(rows, qacc)
         pushed = np.zeros_like(rows.normals)
         mujoco.mj_solveM(self.model, self.data, pushed, rows.normals)
-        kick = np.einsum("sr,rv,sv->s", rows.owns * force, rows.jacobian, pushed)
+        kick = ((rows.owns * force) @ rows.jacobian * pushed).sum(1)
         # An open one is not in the solution yet, and would give way to its own force.
-        yielding = np.einsum("sv,sv->s", rows.normals, pushed) * rows.D
-        kick = np.where(is_open, kick / (1 + yielding), kick)
+        kick[is_open] /= 1 + ((rows.normals * pushed).sum(1) * rows.D)[is_open]
         travel = np.abs(rows.normals @ self.data.qvel) * dt
         return np.where(is_seen, np.maximum(travel, KICKS * np.abs(kick) * dt**2), 0.0), rows.normals
 
-    def _force(self, rows: Rows, qacc: Float[np.ndarray, " nv"]) -> Float[np.ndarray, " nefc"]:
-        """The rows' forces at that acceleration; leaves their states in the data."""
+    def _force(self, rows: Rows, qacc: np.ndarray) -> np.ndarray:
+        """The rows' forces [nefc] at that acceleration; leaves their states in the data."""
         data = self.data
         mujoco.mj_constraintUpdate(self.model, data, rows.jacobian @ qacc - data.efc_aref, None, 1)
         return data.efc_force.copy()
@@ -220,7 +224,8 @@ class Jumps:
         shares = squares / np.where(squares.sum(0) > 0, squares.sum(0), 1.0)
         return parts + np.where(squares.sum(0) > 0, shares, 1 / len(parts)) * (total - parts.sum(0))
 
-    def _solved(self, qacc: Float[np.ndarray, " nv"]) -> Float[np.ndarray, " nv"]:
+    def _solved(self, qacc: np.ndarray) -> np.ndarray:
+        """The acceleration under the rows in the data, from one that is near."""
         self.data.qacc_warmstart[:] = qacc
         mujoco.mj_fwdConstraint(self.model, self.data)
         return self.data.qacc.copy()
@@ -241,7 +246,7 @@ class Jumps:
 
     def _integrated(
         self, before: np.ndarray, qacc: Float[np.ndarray, " nv"], part: Float[np.ndarray, " nv"]
-    ) -> Float[np.ndarray, " 2nv"]:
+    ) -> Float[np.ndarray, " 2*nv"]:
         """The derivative of the displacement and velocity after the step in the share of that part."""
         model, data, nv = self.model, self.data, self.model.nv
         size = SIDE / max(np.abs(part).max() * model.opt.timestep, np.finfo(float).tiny)
