@@ -208,6 +208,25 @@ def test_neither_threads_nor_what_ran_before_changes_a_bit():
         np.testing.assert_array_equal(found.state, expected.state[some])
 
 
+HELD_BOX = """<mujoco><option timestep="0.002" gravity="0 0 0"/><worldbody>
+  <body mocap="true" pos="0 0 -0.1"><geom type="box" size="1 1 0.1"/></body>
+  <body><joint type="slide" axis="0 0 1"/><geom size="0.125" mass="1"/></body></worldbody></mujoco>"""
+
+
+def test_each_step_has_what_it_holds():
+    """A ball just above a box has a jump, and none where the box is held lower."""
+    model = mujoco.MjModel.from_xml_string(HELD_BOX)
+    start = mujoco.MjData(model)
+    start.qpos[:], start.qvel[:] = 0.1255, -1.0
+    forward, controls = Forward(model, start, 1, "saltation"), np.zeros((3, 1, 0))
+    held, states = np.tile(forward.row, (3, 1)), np.tile(forward.start, (3, 1))
+    held[1, 2] -= 0.05
+    after = forward.motions(states, controls, held)[:, 0]
+    found = slopes(forward, states, after, controls[:, 0], held).state[:, 1, 0]
+    np.testing.assert_array_equal(found[[1, 2]], [0.0, found[0]])
+    assert found[0] < -50
+
+
 def test_rk4_has_none():
     model = mujoco.MjModel.from_xml_string(AT_REST)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4

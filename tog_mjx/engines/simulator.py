@@ -47,7 +47,7 @@ class CMujoco:
     OPTIONS: ClassVar[dict[str, tuple[str, ...]]] = {"differentiation": ("implicit", "saltation")}
     CHUNK: ClassVar[int] = 64
     GRADIENT_CHARGE: ClassVar[float] = 20.0
-    SALTATION_CHARGE: ClassVar[float] = 40.0
+    SALTATION_CHARGE: ClassVar[float] = 66.0
 
 
 AUTO = "auto"

@@ -103,7 +103,7 @@ class Jumps:
         self._limit(self._limits)
         if self._held is None or (held != self._held).any():
             self.forward.hold(data, held)
-            self._held = held
+            self._held = held.copy()
             self._read()
         mujoco.mj_setState(model, data, before, STATE)
         data.ctrl[:], data.qacc_warmstart[:] = controls, qacc
