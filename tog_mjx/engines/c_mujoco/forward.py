@@ -35,6 +35,8 @@ WHOLE = int(_PART.mjSTATE_INTEGRATION)
 WARNED = 1
 PRECISE = 1e-14
 """Tolerance of the solver in differences of 1e-6 or 1e-8: Newton's method needs one iteration more for it, or none."""
+NEWTON = 100
+"""Its iterations at least, where it stands in for another solver; it needs fewer than ten."""
 AT_ONCE = 10_000
 """Steps of a thread during which Python looks for no signals: a tenth of a second to a few."""
 _HIDDEN = {
@@ -85,10 +87,14 @@ class Forward:
     @functools.cached_property
     def precise(self) -> "Forward":
         """The same for differences: a solver with the tolerance of motions takes what a difference changes for nothing,
-        where it begins at its answer."""
+        where it begins at its answer. That of PGS is too rough for any: there Newton's method stands in, whose answer
+        PGS converges to."""
         other = copy.copy(self)
         other.model = copy.copy(self.model)
-        other.model.opt.tolerance = min(self.model.opt.tolerance, PRECISE)
+        option = other.model.opt
+        option.tolerance = min(option.tolerance, PRECISE)
+        if option.solver == mujoco.mjtSolver.mjSOL_PGS:
+            option.solver, option.iterations = mujoco.mjtSolver.mjSOL_NEWTON, max(option.iterations, NEWTON)
         other.idle, other.spare, other.rooms = defaultdict(list), [], []
         return other
 

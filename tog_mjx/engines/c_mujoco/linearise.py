@@ -24,9 +24,10 @@ from tog_mjx.stepping.velocity_space import position_basis, velocity_basis
 STEP, FINE = 1e-6, 1e-8
 """Of a difference, in each coordinate's unit, and where something begins within that. The mean errs by rounding, which
 is 1e-14 / STEP of what has gone through a converged solver (flip), and by STEP^2 times a third derivative."""
-APART = 1e-3
+APART = 1e-2
 """The difference of the two, relative to the flatter one and at least to 1, from which on something lies in between: of
-what is smooth it is STEP times a second derivative."""
+what is smooth it is STEP times a second derivative, which in stiff contacts is a few thousand times the first one. A
+jump that is overlooked is smaller than APART * STEP."""
 NO_SECOND = "engine mujoco has first derivatives only; take engine mjx for second ones"
 
 
