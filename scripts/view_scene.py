@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from tog_mjx.drawing import viewing
+from tog_mjx.engines import choose_engine
 from tog_mjx.mjcf.scene import compile_model, scene_path
 from tog_mjx.paper.replay import Iterate, read_iterate, replay
 from tog_mjx.paper.tasks import TASKS, get_task
@@ -54,7 +55,9 @@ def main() -> None:
         motion = replay(iterate, args.duration)
     if problem:
         x = viewing.read_numbers(args.x) if args.x else problem.x0
-        motion = viewing.motion_of(problem, x)
+        choice = choose_engine(problem, gradients=1)
+        print(f"on {choice.engine}: {choice.reason}", flush=True)
+        motion = viewing.motion_of(problem, x, choice.engine)
     if args.files:
         duration = args.duration or (horizon(task) if task else DURATION)
         animate(args, model, data, motion or viewing.simulate(model, data, duration), SLOW if task else 1.0)

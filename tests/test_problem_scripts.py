@@ -1,6 +1,7 @@
 """A problem that lives in a file of its own, at the command line: its verdict, its motion, and what is wrong in it."""
 
 import json
+import re
 import socket
 
 import jax
@@ -57,8 +58,9 @@ def test_it_gets_a_verdict_and_a_motion_to_look_at(run_script, file, tmp_path, m
     np.save(tmp_path / "x.npy", [2.0])
     moved = []
     for x in ([], ["--x", tmp_path / "x.npy"]):
-        status, _, complaint = run_script("view_scene.py", f"{file}:push", "--gif", tmp_path / "push.gif", *x)
+        status, said, complaint = run_script("view_scene.py", f"{file}:push", "--gif", tmp_path / "push.gif", *x)
         assert status == 0, complaint
+        assert re.match(r"on mj\w+: a gradient takes .* ms on C MuJoCo", said)
         with Image.open(tmp_path / "push.gif") as image:
             moved.append([np.asarray(frame.convert("RGB")) for frame in ImageSequence.Iterator(image)])
     guess, pushed = moved

@@ -7,7 +7,7 @@ smaller step, and if they are still apart the side counts that changes less with
 
 import functools
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import NamedTuple
 
 import mujoco
@@ -28,6 +28,8 @@ APART = 1e-2
 """The difference of the two, relative to the flatter one and at least to 1, from which on something lies in between: of
 what is smooth it is STEP times a second derivative, which in stiff contacts is a few thousand times the first one. A
 jump that is overlooked is smaller than APART * STEP."""
+SIGNALS = 0.1
+"""Seconds after which Python, waiting for threads, looks for one that came just before it began to wait."""
 NO_SECOND = "engine mujoco has first derivatives only; take engine mjx for second ones"
 
 
@@ -145,7 +147,14 @@ def _on_all_cores(forward: Forward, some: Callable[[Iterable[int]], None], count
     # Each a comb, not a piece: where a motion is in contact its steps take longer.
     parts = [np.arange(first, count, forward.threads) for first in range(min(count, forward.threads))]
     try:
-        list((pool().map if len(parts) > 1 else map)(lambda part: some(going_on(part)), parts))
+        if len(parts) == 1:
+            some(going_on(parts[0]))
+            parts = []
+        running = {pool().submit(some, going_on(part)) for part in parts}
+        while running:
+            done, running = wait(running, SIGNALS)
+            for future in done:
+                future.result()
     except BaseException:
         interrupted = True
         raise

@@ -27,7 +27,7 @@ from tog_mjx.studies.benchmarks.timing import compiled, interleaved
 
 STEPS, DIRECTIONS = 100, 6
 SHARE = 0.3
-"""Of the range of the controls, in which they are drawn."""
+"""Of the range of the controls, about whose middle they are drawn."""
 HALVINGS = halvings(1e-4, 9)
 MJX, ONE, ALL = "mjx", "C MuJoCo, 1 thread", "C MuJoCo, all cores"
 
@@ -41,8 +41,9 @@ def all_controls(path: Path) -> tuple[Problem, Float[np.ndarray, " n"]]:
         return weights @ last.qpos + speeds @ last.qvel
 
     problem = Problem(model, STEPS, Controls(STEPS, hold=True), cost=cost)
-    x = problem.x0 + SHARE * problem.bound.scale * random.uniform(-1, 1, problem.x0.shape)
-    return problem, np.clip(x, *problem.limits)
+    low, high = problem.limits
+    middle = np.where(np.isfinite(low + high), (low + high) / 2, problem.x0)  # At a limit J has a kink.
+    return problem, middle + SHARE * problem.bound.scale * random.uniform(-1, 1, problem.x0.shape)
 
 
 def engines(paths: Sequence[Path], repeats: int, report: Callable[[str], None]) -> list[dict[str, Any]]:
