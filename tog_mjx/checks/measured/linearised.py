@@ -23,6 +23,7 @@ from tog_mjx.engines.engine import make_engine
 from tog_mjx.engines.simulator import check_names
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.problems.variables import Start
 from tog_mjx.problems.wrt import OF_DATA
 from tog_mjx.running.errors import InputError
 from tog_mjx.stepping.mjx_state import INPUTS, STATE, copy_of
@@ -106,8 +107,9 @@ class Linearised(Recorder):
 
     def value(self, x: Float[Array, " n"]) -> Float[Array, " m"]:
         scene = self.scene
-        problem = Problem(scene.model, scene.steps, cost=lambda state: state.time, start=scene.start)
-        engine = make_engine(problem, "mujoco")
+        # Variables are moved by the scene function, so the problem's are any that every scene has.
+        problem = Problem(scene.model, scene.steps, Start("qvel"), cost=lambda state: state.time, start=scene.start)
+        engine = make_engine(problem, "mujoco", differentiation=scene.differentiation)
         model, start = scene.x.place(x, engine.model, {name: getattr(engine.origin, name) for name in OF_DATA})
         now = engine.begin(model, start), start["ctrl"]
         now, _ = engine.run(model, now, start["ctrl"], scene.steps, 1, None, lambda _: None)
