@@ -1,4 +1,4 @@
-"""What moves a problem: MJX any scene, planar simulators those of one box and its fingers."""
+"""What moves a problem: MJX and C MuJoCo any scene, planar simulators those of one box and its fingers."""
 
 from tog_mjx.engines.choice import Choice as Choice
 from tog_mjx.engines.choice import choose_engine as choose_engine
