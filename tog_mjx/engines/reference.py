@@ -1,6 +1,7 @@
 """C MuJoCo as the reference: the cost of many points at a time, and its gradient by central differences."""
 
-from collections.abc import Iterator
+import functools
+from collections.abc import Callable, Iterator
 
 import jax
 import jax.numpy as jnp
@@ -34,12 +35,21 @@ def final_costs(problem: Problem, points: Float[np.ndarray, "N n"], threads: int
     if plan is None or callable(jax.eval_shape(plan, problem.x0)):
         raise InputError("the reference moves problems under controls over time alone")
     with jax.enable_x64():
-        controls = jax.jit(jax.vmap(lambda x: jnp.atleast_2d(jnp.asarray(plan(x)))))
+        controls, costs = _compiled(problem)
         for chunk in np.array_split(points, -(-len(points) // 256)):
             initial, rows = np.tile(start, (len(chunk), 1)), np.asarray(controls(chunk))
             states, _ = mujoco.rollout.rollout(model, workers, initial, control=rows, nstep=problem.steps)
             last.append(states[:, -1])
-        return np.asarray(jax.vmap(lambda state: problem.cost(_state(model, state)))(np.concatenate(last)))
+        return np.asarray(costs(np.concatenate(last)))
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled(problem: Problem) -> tuple[Callable, Callable]:
+    """The controls of many points, and the costs of many last states."""
+    plan, model = problem.bound.controls, problem.scene.model
+    assert plan
+    controls = jax.vmap(lambda x: jnp.atleast_2d(jnp.asarray(plan(x))))
+    return jax.jit(controls), jax.jit(jax.vmap(lambda state: problem.cost(_state(model, state))))
 
 
 def _state(model: mujoco.MjModel, numbers: Float[Array, " s"]) -> State:
