@@ -23,6 +23,7 @@ from hypothesis import HealthCheck, settings
 from states import state_of_box
 from xdist.scheduler import LoadScopeScheduling
 
+from tog_mjx.__main__ import main
 from tog_mjx.engines import Simulator
 from tog_mjx.engines.objective import final_cost, trajectory
 from tog_mjx.engines.program import Motion
@@ -96,7 +97,7 @@ def compiled(request) -> Compiled:
 
 @pytest.fixture(scope="session")
 def run_script() -> Callable[..., tuple[int, str, str]]:
-    """Runs a script of the project in this process: its name and arguments to (status, standard output, error)."""
+    """Runs a script of the project, or `tog`, in this process: name, arguments -> (status, standard output, error)."""
 
     def run(name: str, *arguments) -> tuple[int, str, str]:
         path = Path(__file__).parent.parent / "scripts" / name
@@ -107,7 +108,7 @@ def run_script() -> Callable[..., tuple[int, str, str]]:
             before = signal.getsignal(signal.SIGINT)
             with contextlib.redirect_stdout(said), contextlib.redirect_stderr(complaint):
                 try:
-                    runpy.run_path(str(path), run_name="__main__")
+                    main() if name == "tog" else runpy.run_path(str(path), run_name="__main__")
                 except SystemExit as end:
                     status = int(end.code or 0)
                 finally:

@@ -4,7 +4,6 @@ import os
 import socket
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from tog_mjx.running.batches import CHUNK
 from tog_mjx.running.devices import cores
 from tog_mjx.studies.landscape import landscape
 
-ROOT = Path(__file__).parents[1]
 # The program of every process: a landscape whose points fill no chunk evenly.
 PROGRAM = """
 import sys, jax, numpy as np
@@ -105,18 +103,20 @@ def test_cores_are_those_that_this_process_may_use(monkeypatch):
     assert cores() == 3
 
 
-def test_no_script_starts_jax_before_it_has_set_devices_and_compiler():
+def test_no_command_starts_jax_before_it_has_set_devices_and_compiler():
     """Afterwards both settings have no effect, and nothing says so: studies once ran on one core of all."""
     program = """
-import pathlib, runpy, sys, jax
-for number, script in enumerate(sorted(pathlib.Path(sys.argv[1]).glob("*.py")), 1):
-    runpy.run_path(str(script))
+import importlib, sys, jax
+from tog_mjx.__main__ import commands
+for number, name in enumerate(commands(), 1):
+    importlib.import_module(f"tog_mjx.commands.{name}")
     try:
         jax.config.update("jax_num_cpu_devices", number)
     except RuntimeError:
-        sys.exit(f"{script.name} has started JAX")
+        sys.exit(f"{name} has started JAX")
 assert jax.device_count() == number > 1
 """
-    command = [sys.executable, "-c", program, str(ROOT / "scripts")]
-    found = subprocess.run(command, capture_output=True, text=True, env=os.environ | {"JAX_PLATFORMS": "cpu"})
+    found = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, env=os.environ | {"JAX_PLATFORMS": "cpu"}
+    )
     assert found.returncode == 0, found.stderr

@@ -58,7 +58,7 @@ def test_text_in_the_code_does_not_count(tmp_path):
         ("checks/measured/zeros.py", "slopes", "inclines", {"checks.alone"}),
         ("studies/study.py", "quick", "fast", set(QUESTIONS)),
         ("drawing/figures/predictions.py", "axes", "frame", set()),
-        ("__init__.py", "Task as Task", "Task as Work", set()),
+        ("api.py", "Task as Task", "Task as Work", set()),
     ],
 )
 def test_code_counts_where_it_has_a_part(tmp_path, file, old, new, changed):

@@ -8,11 +8,11 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from tog_mjx.checks import step_check
 from tog_mjx.checks.file.preflight import preflight
 from tog_mjx.checks.step_check import METHODS
 from tog_mjx.checks.step_check import Verdict as StepVerdict
 from tog_mjx.checks.told.finding import Finding, Level, Verdict
+from tog_mjx.commands import step
 from tog_mjx.running.console import enable_compilation_cache, run_main
 from tog_mjx.running.errors import printable
 
@@ -66,7 +66,7 @@ def test_a_verdict_tells_names_as_the_console_does():
 def test_a_table_of_scenes_shows_their_names(run_script, tmp_path, monkeypatch):
     scene = tmp_path / "[red]a\x1b.xml"
     scene.write_text(STATIC.format("").replace("<geom", "<body><joint/><geom").replace("/></w", "/></body></w"))
-    monkeypatch.setattr(step_check, "check_step", lambda *_, **__: dict.fromkeys(METHODS, StepVerdict("right", 1e-9)))
+    monkeypatch.setattr(step, "check_step", lambda *_, **__: dict.fromkeys(METHODS, StepVerdict("right", 1e-9)))
     status, said, told = run_script("check_step.py", scene)
     assert status == 0
     assert r"[red]a\x1b | right 1e-09" in said

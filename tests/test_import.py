@@ -34,16 +34,26 @@ print(jax.jit(jax.jacfwd(lambda v: tog.step(model, data.replace(qvel=v)).qvel))(
     assert float(found.stdout.splitlines()[-1]) == pytest.approx(1 / (1 + 0.1 * 2), rel=1e-6)
 
 
-def test_scripts_do_without_the_extras():
-    """All but those of the studies: whoever installs the package alone has none of these."""
+def test_a_part_imported_alone_knows_the_names_that_the_paper_gives():
     program = """
-import pathlib, runpy, sys
-sys.modules.update(dict.fromkeys(("pandas", "evosax", "imageio_ffmpeg", "cma", "brax", "mujoco_playground")))
-for script in pathlib.Path(sys.argv[1]).glob("*.py"):
-    if script.name != "run_study.py":
-        runpy.run_path(str(script), run_name="imported")
+from tog_mjx.engines.simulator import gradient_charge
+from tog_mjx.problems.library import get_problem
+print(get_problem("grasp").name, gradient_charge("released") > 1)
 """
-    found = run("-c", program, SCRIPTS)
+    found = run("-c", program)
+    assert found.stdout == "grasp True\n", found.stderr
+
+
+def test_commands_do_without_the_extras():
+    """All but the studies: whoever installs the package alone has none of these."""
+    program = """
+import importlib, sys
+from tog_mjx.__main__ import commands
+sys.modules.update(dict.fromkeys(("pandas", "evosax", "imageio_ffmpeg", "cma", "brax", "mujoco_playground")))
+for name in set(commands()) - {"study"}:
+    importlib.import_module(f"tog_mjx.commands.{name}")
+"""
+    found = run("-c", program)
     assert found.returncode == 0, found.stderr
 
 

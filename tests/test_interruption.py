@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from tog_mjx.checks import scene_verdict as scene_checks
 from tog_mjx.running import console
 from tog_mjx.studies.study import Store
 
@@ -107,9 +106,10 @@ SCRIPTS = [path for path in sorted((ROOT / "scripts").rglob("*.py")) if "__main_
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_ctrl_c_while_libraries_load_leaves_no_traceback(script, tmp_path):
     """Any of them: each sends the signal."""
-    for name in ("jax", "matplotlib", "mujoco", "numpy", "pandas", "rich", "tog_mjx"):
+    for name in ("jax", "matplotlib", "mujoco", "numpy", "pandas", "rich"):
         (tmp_path / f"{name}.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)")
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    environment.pop("MUJOCO_GL", None)  # With which MuJoCo is imported before any command can say what Ctrl-C does.
     done = subprocess.run([sys.executable, script], env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
 
@@ -132,9 +132,9 @@ def interrupt(*_, **__):
     ],
 )
 def test_only_what_continues_says_so(arguments, told, run_script, tmp_path, monkeypatch):
-    monkeypatch.setattr(scene_checks, "check_scene", interrupt)
     monkeypatch.setattr(Store, "finish", interrupt)
-    for place in ("checks.step_check.check_step", "paper.comparison.compute", "checks.alone.finish_file"):
+    commands = ("check.check_scene", "step.check_step", "models.finish_file")
+    for place in ("paper.comparison.compute", *(f"commands.{command}" for command in commands)):
         monkeypatch.setattr(f"tog_mjx.{place}", interrupt)
     model = tmp_path / "model.xml"
     model.write_text(REFUSED)

@@ -3,7 +3,6 @@
 import functools
 import json
 import os
-import runpy
 import signal
 import subprocess
 import sys
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tog_mjx.commands import reproduce
 from tog_mjx.paper import comparison
 from tog_mjx.paper.comparison import Run
 from tog_mjx.running.errors import InputError
@@ -108,11 +108,10 @@ def test_results_that_vanish_while_it_runs_are_told(tmp_path, monkeypatch):
             comparison.save(run, comparison.compute(run), out)
         runs[0].path(out).unlink()
 
-    program = runpy.run_path(str(SCRIPT))
-    monkeypatch.setitem(program["main"].__globals__, "finish_runs", finish_and_lose)
+    monkeypatch.setattr(reproduce, "finish_runs", finish_and_lose)
     monkeypatch.setattr(sys, "argv", [SCRIPT.name, *QUICK, "--method", "exact", "--out", str(tmp_path)])
     with pytest.raises(InputError, match=r"has changed while this ran .*exact\.npz"):
-        program["main"]()
+        reproduce.main()
     assert not (tmp_path / "summary.json").exists()
 
 

@@ -8,6 +8,7 @@ import tog_mjx
 
 PACKAGE = Path(tog_mjx.__file__).parent
 ROOMS = [
+    "commands",
     "paper",
     "studies",
     "drawing",
@@ -44,6 +45,7 @@ def test_imports_run_downward_only():
 
 def test_a_file_name_stands_for_one_thing_and_no_file_is_long():
     files = [file for file in PACKAGE.rglob("*.py") if file.name != "__init__.py"]
-    assert [name for name, count in Counter(file.name for file in files).items() if count > 1] == []
+    others = [file.name for file in files if file.parent.name != "commands"]  # Which are named as one types them.
+    assert [name for name, count in Counter(others).items() if count > 1] == []
     assert [str(file) for file in PACKAGE.rglob("*.py") if len(file.read_text().splitlines()) > 300] == []
     assert len((PACKAGE / "__init__.py").read_text().splitlines()) <= 50

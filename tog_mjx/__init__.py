@@ -1,31 +1,31 @@
 """tog_mjx: exact against stochastic gradients through contact, on MuJoCo MJX."""
 
-from tog_mjx.running import _mujoco as _mujoco  # First of all: what follows imports MuJoCo.
+import importlib
+import importlib.util
+import os
+from typing import TYPE_CHECKING, Any
 
-# isort: split
-from tog_mjx.checks.function_verdict import check as check
-from tog_mjx.checks.scene_verdict import check_scene as check_scene
-from tog_mjx.engines import Motion as Motion
-from tog_mjx.engines import make_simulator as make_simulator
-from tog_mjx.engines import objective as objective
-from tog_mjx.engines import rollout as rollout
-from tog_mjx.mjcf.parameter import Parameter as Parameter
-from tog_mjx.mjcf.scene import Scene as Scene
-from tog_mjx.mjcf.scene import load_scene as load_scene
-from tog_mjx.paper.tasks import Task as Task
-from tog_mjx.paper.tasks import get_task as get_task
-from tog_mjx.problems import Controls as Controls
-from tog_mjx.problems import Parameters as Parameters
-from tog_mjx.problems import Plane as Plane
-from tog_mjx.problems import Policy as Policy
-from tog_mjx.problems import Problem as Problem
-from tog_mjx.problems import Start as Start
-from tog_mjx.problems import Starts as Starts
-from tog_mjx.problems import State as State
-from tog_mjx.running.errors import InputError as InputError
-from tog_mjx.solving.solve import solve as solve
-from tog_mjx.stepping.converged import converged as converged
-from tog_mjx.stepping.converged import solver_error as solver_error
-from tog_mjx.stepping.implicit import step as step
-from tog_mjx.stepping.simulate import simulate as simulate
-from tog_mjx.studies.landscape import landscape as landscape
+if os.environ.get("MUJOCO_GL"):  # First of all: what follows imports MuJoCo, and that OpenGL may not work.
+    from tog_mjx.running import _mujoco as _mujoco
+
+if TYPE_CHECKING:
+    from tog_mjx.api import *  # noqa: F403
+else:
+
+    def __getattr__(name: str) -> Any:
+        """A room, or a public name. All of these are loaded when one is asked for: with JAX that takes two seconds, and
+        `tog --help` needs none."""
+        if name == "__all__":
+            return __dir__()
+        if name.startswith("_"):
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        if importlib.util.find_spec(f"{__name__}.{name}"):
+            return importlib.import_module(f"{__name__}.{name}")
+        globals().update({public: getattr(_api(), public) for public in __dir__()})
+        return globals()[name] if name in globals() else getattr(_api(), name)
+
+    def __dir__() -> list[str]:
+        return [name for name in vars(_api()) if not name.startswith("_")]
+
+    def _api() -> Any:
+        return importlib.import_module(f"{__name__}.api")

@@ -65,7 +65,7 @@ def _chosen(problem: Problem, gradients: int, options: tuple[tuple[str, Any], ..
         return Choice("mujoco", refusal)
     ours, mjx = _seconds_of_c(problem, options), _one_step(problem)
     if mjx.apart > CLOSE:
-        return Choice("mjx", f"a step of C MuJoCo differs by {mjx.apart:.0e}: scripts/check_gradients.py says in what")
+        return Choice("mjx", f"a step of C MuJoCo differs by {mjx.apart:.0e}: tog check says in what")
     theirs = problem.steps * mjx.seconds * gradient_charge("mjx", dict(options).get("differentiation"))
     sooner = "mujoco" if gradients * ours <= mjx.seconds_compile + gradients * theirs else "mjx"
     told = f"a gradient takes {1e3 * ours:.3g} ms on C MuJoCo, on MJX about {1e3 * theirs:.3g} ms once it is compiled"

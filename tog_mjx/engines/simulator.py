@@ -23,6 +23,7 @@ from tog_mjx.engines.mjx import MjxSimulator
 from tog_mjx.engines.penalty import PenaltySimulator
 from tog_mjx.mjcf.scene import Scene
 from tog_mjx.running.errors import InputError, require_kind
+from tog_mjx.running.names import load_givers
 from tog_mjx.running.types import Box, Fingers, Setpoints
 
 
@@ -100,6 +101,8 @@ def precision(simulator: str, **options: str):
 
 def check_names(name: str, options: Mapping[str, str], among: Mapping[str, Any] = ENGINES) -> None:
     """Raises InputError for an unknown engine, option or value."""
+    if name not in list(among):
+        load_givers()
     if name not in list(among):
         raise InputError(f"engine {name!r} is unknown; choose from {', '.join([*among, *[AUTO] * (among is ENGINES)])}")
     choices = among[name].OPTIONS

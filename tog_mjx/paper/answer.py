@@ -43,7 +43,7 @@ def write_report(
     )
     first = Section("This run beside the published numbers", table=numbers)
     last = Section("Settings (Table I)", table=table_1(tasks))
-    title, command = "A Tale of Two Gradients, on MuJoCo MJX", "scripts/reproduce_paper.py"
+    title, command = "A Tale of Two Gradients, on MuJoCo MJX", "tog reproduce"
     blocks = [first, *sections, last]
     write_page(path, title, QUESTION, answers(runs), blocks, scenarios=scenarios, footer=command)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.variables import Controls
 from tog_mjx.running.errors import InputError, near, require_whole
+from tog_mjx.running.names import load_givers
 
 LIBRARY: dict[str, Callable[[], Problem]] = {}
 """By name: functions of nothing, which always return the same problem."""
@@ -21,6 +22,8 @@ def get_problem(problem: str | Problem, knots: int | None = None) -> Problem:
       InputError: for an unknown name, or a number of knots that is not positive or more than the time steps.
     """
     if not isinstance(problem, Problem):
+        if problem not in list(LIBRARY):
+            load_givers()
         if problem not in list(LIBRARY):
             choices = f"choose from {', '.join(LIBRARY)}"
             raise InputError(f"problem {problem!r} is unknown; {choices}{near(problem, LIBRARY)}")

@@ -4,12 +4,6 @@ Of a folder every file under it that is an MJCF model of its own. Leaves models.
 for each model; the same command continues where it was ended. Exit status 1 if the check of a model crashed.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import csv
 import io
 import os
@@ -113,5 +107,5 @@ def printed(rows: list[dict[str, Any]]) -> Table:
     return table
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main, CONTINUES)

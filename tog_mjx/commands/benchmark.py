@@ -3,12 +3,6 @@
 Medians. Compilation is measured apart, without the cache. With --out, the numbers as JSON and a figure beside them.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import contextlib
 import platform
 from pathlib import Path
@@ -129,5 +123,5 @@ def machine(args) -> dict[str, Any]:
     }
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main)

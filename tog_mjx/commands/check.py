@@ -4,12 +4,6 @@ Any MJCF file, or a problem of your own, as my_problem.py:push. Exit status: 0 t
 care, 3 do not trust, 2 for bad input.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import argparse
 import json
 import sys
@@ -126,5 +120,5 @@ def write_json(path: Path, verdict: Verdict) -> None:
         file.write(json.dumps(verdict.as_json(), indent=1, allow_nan=False).encode())
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main)

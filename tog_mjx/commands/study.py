@@ -5,12 +5,6 @@ table.csv (one row a run, or a point of one), summary.csv (one row a group, with
 its runs are a random sample) and, of a study that has one, its figure.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import io
 from pathlib import Path
 
@@ -67,5 +61,5 @@ def printed(title: str, found: pd.DataFrame) -> Table:
     return table
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main, "what was finished is kept, with --resume the same command continues")

@@ -4,12 +4,6 @@ The state is that of the scene's first keyframe, or its initial pose. The deriva
 parameter of the model. Prints a table in Markdown.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import jax
 from rich import box
 from rich.console import Console
@@ -65,5 +59,5 @@ def told(verdict: Verdict) -> str:
     return f"{verdict.word}{error}{' *' if verdict.nan else ''}"
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main)

@@ -4,12 +4,6 @@ Prints a table for each task, and draws the landscapes of MJX and of the penalty
 finished piece is read, not repeated.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 from pathlib import Path
 
 from rich import box
@@ -189,5 +183,5 @@ def draw(task: str, found: dict[Piece, Gradients], out: Path, console: Console) 
     return path
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main, "what was finished is kept, the same command continues unless it has --force")

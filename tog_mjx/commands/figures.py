@@ -4,12 +4,6 @@ Descents and landscapes that the folder keeps are read, the others are computed 
 reproduce_paper.py.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 from pathlib import Path
 
 from rich.console import Console
@@ -65,5 +59,5 @@ def parse_arguments():
     return parser.parse_args()
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main, CONTINUES)

@@ -5,12 +5,6 @@ file, prints this run beside the published numbers, draws all figures, and write
 everything. A finished run is read, not repeated.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import itertools
 from pathlib import Path
 from typing import Any
@@ -152,5 +146,5 @@ def deviations(descents: dict[Run, Descent]) -> dict[Run, float]:
     return found
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main, "what was finished is kept, the same command continues unless it has --force")

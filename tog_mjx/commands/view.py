@@ -5,12 +5,6 @@ which made the result. Of a problem, as my_problem.py:push, it is that of MJX un
 --x.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import argparse
 import copy
 from pathlib import Path
@@ -156,5 +150,5 @@ def animate(args: argparse.Namespace, model, data, motion: viewing.Motion, speed
             print(f"{file}: {len(times)} frames, {file.stat().st_size / 1000:.0f} kB, {frames.method}")
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main)

@@ -3,12 +3,6 @@
 Writes best.npy, descent.npz, figures, a GIF and a page, index.html. A landscape that was killed goes on where it was.
 """
 
-if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
-    import signal
-
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
-
 import argparse
 import contextlib
 import copy
@@ -21,15 +15,14 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from rich.console import Console
 
-import tog_mjx as tog
 from tog_mjx.drawing import viewing
 from tog_mjx.drawing.figures import draw_descents, draw_landscape
 from tog_mjx.drawing.figures.style import save_figure
 from tog_mjx.drawing.report.page import Picture, Section, Table, write_page
-from tog_mjx.engines import ENGINES, choose_engine, gradient_charge, precision
+from tog_mjx.engines import ENGINES, choose_engine, gradient_charge, objective, precision
 from tog_mjx.engines.simulator import AUTO
-from tog_mjx.problems import Plane
-from tog_mjx.problems.library import LIBRARY, get_problem
+from tog_mjx.paper.tasks import TASKS, get_task
+from tog_mjx.problems import Plane, Problem
 from tog_mjx.running.console import GRID_MOST, ArgumentParser, Work, run_main, within
 from tog_mjx.running.digests import function_digest, lowered, program_digest
 from tog_mjx.running.storage import DamagedFileError, atomic_write, check_writable
@@ -51,7 +44,7 @@ MOST = 100
 def main() -> None:
     args = parse_arguments()
     console = Console(soft_wrap=True, highlight=False)
-    problem = get_problem(args.problem) if args.problem in LIBRARY else tog.Problem.load(args.problem)
+    problem = get_task(args.problem) if args.problem in TASKS else Problem.load(args.problem)
     out = args.out or Path("results") / problem.name
     names = ("best.npy", "descent.npz", "descent.png", "landscape.png", "motion.gif", "index.html")
     check_writable(*(out / name for name in names))
@@ -79,13 +72,13 @@ def main() -> None:
         Section("The best variables", table=table_of(problem, descent.best)),
     ]
     subject = f"{args.problem}: {len(problem.x0)} variables, {problem.steps} time steps, on {args.engine}"
-    write_page(out / "index.html", problem.name, subject, lines, sections, footer="scripts/solve_problem.py")
+    write_page(out / "index.html", problem.name, subject, lines, sections, footer="tog solve")
     console.print(f"best.npy, descent.npz, the figures and index.html are in {out}", markup=False)
 
 
 def parse_arguments() -> argparse.Namespace:
     parser = ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("problem", help=f"file.py:function or package.module:function, or {', '.join(LIBRARY)}")
+    parser.add_argument("problem", help=f"file.py:function or package.module:function, or {', '.join(TASKS)}")
     parser.add_argument("--engine", choices=[AUTO, *ENGINES], default=AUTO,
                         help="default: %(default)s, the cheaper one of mjx and mujoco")  # fmt: skip
     parser.add_argument("--budget", type=within(float, 1, 1e9), default=1000, metavar="N",
@@ -111,7 +104,7 @@ def charge_of(args: argparse.Namespace) -> float:
     return gradient_charge(args.engine, args.differentiation)
 
 
-def engine_of(problem: tog.Problem, args: argparse.Namespace, path: Path, work: Work) -> str:
+def engine_of(problem: Problem, args: argparse.Namespace, path: Path, work: Work) -> str:
     """That of the descent that is read again, or the cheaper one."""
     if args.resume:
         with contextlib.suppress(FileNotFoundError, DamagedFileError):
@@ -124,11 +117,11 @@ def engine_of(problem: tog.Problem, args: argparse.Namespace, path: Path, work: 
     return choice.engine
 
 
-def descend(problem: tog.Problem, args: argparse.Namespace, path: Path, work: Work) -> Descent:
+def descend(problem: Problem, args: argparse.Namespace, path: Path, work: Work) -> Descent:
     """The descent that `path` keeps of this problem, with --resume, or a new one."""
     options = options_of(args)
     with precision(args.engine, **options):
-        J = tog.objective(problem, args.engine, **options)
+        J = objective(problem, args.engine, **options)
         x, bound = problem.check(problem.x0), problem.bound
         settings: dict[str, Any] = {
             "engine": args.engine,
@@ -147,7 +140,7 @@ def descend(problem: tog.Problem, args: argparse.Namespace, path: Path, work: Wo
                 )
         total = max(1, int(args.budget / charge_of(args)))
         with work.piece(f"descent on {problem.name}", total) as report:
-            descent = tog.solve(problem, budget=args.budget, engine=args.engine, report=report, **options)
+            descent = solving.solve(problem, budget=args.budget, engine=args.engine, report=report, **options)
     save_descent(path, descent, settings)
     return descent
 
@@ -157,7 +150,7 @@ def judged_costs(descent: Descent) -> np.ndarray:
     return descent.costs if descent.held_out is None else np.nan_to_num(descent.held_out, nan=np.inf)
 
 
-def told(problem: tog.Problem, engine: str, descent: Descent) -> list[str]:
+def told(problem: Problem, engine: str, descent: Descent) -> list[str]:
     """What came out, in a few lines."""
     judged = judged_costs(descent)
     first, best = judged[0], judged[descent.best_iteration]
@@ -177,7 +170,7 @@ def told(problem: tog.Problem, engine: str, descent: Descent) -> list[str]:
     ]
 
 
-def plane_of(problem: tog.Problem, pair: Sequence[str | int], iterates: np.ndarray, best: int = 0) -> Plane:
+def plane_of(problem: Problem, pair: Sequence[str | int], iterates: np.ndarray, best: int = 0) -> Plane:
     """That of two variables through the best of the iterates, wide enough for all of them."""
     first, second = (int(some) if str(some).isdecimal() else some for some in pair)
     plane = Plane.of(problem, first, second, through=iterates[best])
@@ -186,7 +179,7 @@ def plane_of(problem: tog.Problem, pair: Sequence[str | int], iterates: np.ndarr
     return dataclasses.replace(plane, low=low, high=high)
 
 
-def descent_picture(problem: tog.Problem, descent: Descent, method: str, out: Path) -> Picture:
+def descent_picture(problem: Problem, descent: Descent, method: str, out: Path) -> Picture:
     figure = draw_descents({method: descent.costs}, title=problem.name)
     caption = "Cost of each iterate; the first one is the guess."
     if descent.held_out is not None:
@@ -199,7 +192,7 @@ def descent_picture(problem: tog.Problem, descent: Descent, method: str, out: Pa
 
 
 def landscape_picture(
-    problem: tog.Problem, args: argparse.Namespace, plane: Plane, descent: Descent, method: str, out: Path, work: Work
+    problem: Problem, args: argparse.Namespace, plane: Plane, descent: Descent, method: str, out: Path, work: Work
 ) -> Picture:
     what = (problem, args.engine, plane)
     with work.piece(f"landscape, {args.size} x {args.size}", args.size**2, "reading or compiling") as report:
@@ -225,7 +218,7 @@ def landscape_picture(
     return Picture(out / "landscape.png", "Landscape", caption)
 
 
-def motion_picture(problem: tog.Problem, x: np.ndarray, engine: str, out: Path) -> Picture:
+def motion_picture(problem: Problem, x: np.ndarray, engine: str, out: Path) -> Picture:
     """The motion as a GIF, slowed down where it is short."""
     model, motion = copy.copy(problem.scene.model), viewing.motion_of(problem, x, engine)
     duration = float(motion.time[-1])
@@ -237,12 +230,12 @@ def motion_picture(problem: tog.Problem, x: np.ndarray, engine: str, out: Path) 
     return Picture(out / "motion.gif", "Motion", f"{duration:.3g} s under the best variables, {pace}; {frames.method}.")
 
 
-def table_of(problem: tog.Problem, x: np.ndarray) -> Table:
+def table_of(problem: Problem, x: np.ndarray) -> Table:
     columns = (problem.bound.names, problem.x0, x, *problem.limits)
     rows = [[name, *(f"{value:.4g}" for value in values)] for name, *values in zip(*columns, strict=True)]
     caption = f"The first {MOST} of {len(rows)}; best.npy has all." if len(rows) > MOST else ""
     return Table(["variable", "guess", "best", "least", "largest"], rows[:MOST], caption)
 
 
-if __name__ == "__main__":
+def run() -> None:
     run_main(main, "what was finished is kept, with --resume the same command continues")

@@ -1,0 +1,8 @@
+"""Names that a room knows and a higher one gives: the paper's problems and its engine."""
+
+import importlib
+
+
+def load_givers() -> None:
+    """Imports the whole package: of a part that was imported alone, who gives a name may not be there yet."""
+    importlib.import_module(f"{__name__.partition('.')[0]}.api")
