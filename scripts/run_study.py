@@ -1,0 +1,3 @@
+from tog_mjx.__main__ import run
+
+run("study")
