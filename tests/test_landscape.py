@@ -94,6 +94,21 @@ def test_bad_planes_are_one_line(choice, message):
         Plane.of(ball(), **choice)
 
 
+@pytest.mark.parametrize("over", [landscape, gradient_field])
+@pytest.mark.parametrize(
+    ("choice", "message"),
+    [
+        ({"problem": "fly"}, "problem 'fly' is unknown"),
+        ({"engine": "bullet"}, "engine 'bullet' is unknown"),
+        ({"differentiation": "none"}, "differentiation='none' is unknown"),
+        ({"size": 0}, "size is 0: give a whole number from 1"),
+    ],
+)
+def test_bad_names_and_sizes_are_one_line(over, choice, message):
+    with pytest.raises(tog.InputError, match=message):
+        over(**{"problem": "flip", "size": 2, **choice})
+
+
 def test_one_variable_makes_no_plane():
     with pytest.raises(tog.InputError, match="there is no variable 1; the problem has 1"):
         tog.landscape(ball(variables=tog.Controls(), guess=None))

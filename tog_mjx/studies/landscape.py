@@ -15,7 +15,9 @@ from tog_mjx.engines import ENGINES, objective, precision
 from tog_mjx.engines.choice import resolved
 from tog_mjx.gradients import exact_batch
 from tog_mjx.problems import Plane, Problem, Starts
+from tog_mjx.problems.library import get_problem
 from tog_mjx.running.batches import map_kept, map_points
+from tog_mjx.running.errors import require_whole
 from tog_mjx.running.types import Scalar
 
 
@@ -34,7 +36,7 @@ class GradientField(NamedTuple):
 
 
 def landscape(
-    problem: Problem,
+    problem: str | Problem,
     engine: str = "mjx",
     plane: Plane | None = None,
     size: int = 40,
@@ -51,15 +53,16 @@ def landscape(
       report: called with the number of points done.
 
     Raises:
-      InputError: as `tog.objective` and `Plane.of`.
+      InputError: as `tog.objective` and `Plane.of`, and for a size that is no positive number.
     """
+    problem, size = get_problem(problem), require_whole("size", size, 1)
     plane = plane or problem.plane
     costs = _over(problem, engine, plane, plane.grid(size), jax.vmap, folder, f"landscape_{size}", report, options)
     return Landscape(plane.grid(size), costs.reshape(size, size))
 
 
 def gradient_field(
-    problem: Problem,
+    problem: str | Problem,
     engine: str = "mjx",
     plane: Plane | None = None,
     size: int = 12,
@@ -68,6 +71,7 @@ def gradient_field(
     **options: str,
 ) -> GradientField:
     """The gradient at the centres of `size` x `size` cells of a plane. Else as `landscape`."""
+    problem, size = get_problem(problem), require_whole("size", size, 1)
     plane = plane or problem.plane
     points = plane.grid(size, centred=True)
     name = f"gradient_field_{size}"
@@ -93,8 +97,8 @@ def _over(
     """What `batched` makes of J, at all points."""
     motions = problem.start.count if isinstance(problem.start, Starts) else 1
     engine = resolved(problem, engine, options)
-    chunk = max(1, ENGINES[engine].CHUNK // motions)
-    with precision(engine, **options):
+    with precision(engine, **options):  # Which knows the names.
+        chunk = max(1, ENGINES[engine].CHUNK // motions)
         J = objective(problem, engine, **options)
 
         def cost(p: Float[Array, "2"]) -> Scalar:
