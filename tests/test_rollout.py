@@ -81,11 +81,6 @@ def test_precision_follows_the_flag():
     assert tog.rollout("flip", [0.0, 0.25], "penalty").box.dtype == jnp.float64
 
 
-def test_the_older_word_for_an_engine_warns():
-    with pytest.warns(DeprecationWarning, match="older name of engine="):
-        assert tog.objective("flip", simulator="penalty") == tog.objective("flip", "penalty")
-
-
 def test_mirrored_setpoints_give_mirrored_motions():
     # The grasp's scene is its own mirror image: exchange the fingers and the sign of x and theta.
     u = np.array([-0.1, 0.4, 0.15, 0.5])

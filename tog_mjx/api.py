@@ -20,9 +20,12 @@ from tog_mjx.problems import Start as Start
 from tog_mjx.problems import Starts as Starts
 from tog_mjx.problems import State as State
 from tog_mjx.running.errors import InputError as InputError
+from tog_mjx.running.older_names import older_names as _older_names
 from tog_mjx.solving.solve import solve as solve
 from tog_mjx.stepping.converged import converged as converged
 from tog_mjx.stepping.converged import solver_error as solver_error
 from tog_mjx.stepping.implicit import step as step
 from tog_mjx.stepping.simulate import simulate as simulate
 from tog_mjx.studies.landscape import landscape as landscape
+
+__getattr__ = _older_names("tog_mjx", {"Trajectory": Motion})

@@ -1,6 +1,5 @@
 """The one road through the package: a problem, an engine and variables give a cost to differentiate, or a motion."""
 
-import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,6 +13,7 @@ from tog_mjx.engines.simulator import Simulator
 from tog_mjx.problems.library import get_problem
 from tog_mjx.problems.problem import Problem
 from tog_mjx.running.errors import InputError, require_whole
+from tog_mjx.running.older_names import older_keywords
 from tog_mjx.running.types import Numbers, Scalar
 
 
@@ -56,9 +56,8 @@ class Objective:
         return program(self.problem, self.engine, self.options, self.checkpoint)
 
 
-def objective(
-    problem: str | Problem, engine: str = "mjx", *, checkpoint: Any = None, simulator: str = "", **options: Any
-) -> Objective:
+@older_keywords(task="problem", simulator="engine")
+def objective(problem: str | Problem, engine: str = "mjx", *, checkpoint: Any = None, **options: Any) -> Objective:
     """J(x) of a problem, a JAX function of its variables x [n]. Equal calls share one compiled function.
 
     Args:
@@ -68,7 +67,6 @@ def objective(
         "penalty" (options `friction="mujoco" | "paper"` and `differentiation="native" | "saltation"`) or "released"
         (option `mended`, one quirk out of `tog_mjx.paper.released.MENDED`) for those of one box and its fingers;
         "auto" for the cheaper one of "mjx" and "mujoco", see `choose_engine`: the objective's `engine` is its name.
-        `simulator` is its older name.
       checkpoint: keep the state only every so many steps for reverse mode and compute the rest again; a divisor of the
         steps, and a multiple of those for which a policy's controls are held.
 
@@ -78,7 +76,7 @@ def objective(
       InputError: for an unknown name or option, and a scene or variables that the engine cannot move.
     """
     problem = get_problem(problem)
-    engine = resolved(problem, older(engine, simulator), options)
+    engine = resolved(problem, engine, options)
     check_engine(problem, engine, options)
     steps, every = problem.steps, problem.bound.every
     if checkpoint is not None and (steps % require_whole("checkpoint", checkpoint, 1, steps) or checkpoint % every):
@@ -86,16 +84,10 @@ def objective(
     return Objective(problem, engine, tuple(sorted(options.items())), checkpoint)
 
 
-def rollout(problem: str | Problem, x: Numbers, engine: str = "mjx", *, simulator: str = "", **options: Any) -> Motion:
+@older_keywords(task="problem", u="x", simulator="engine")
+def rollout(problem: str | Problem, x: Numbers, engine: str = "mjx", **options: Any) -> Motion:
     """The motion of a problem under its variables x [n]; arguments and errors are those of `objective`."""
-    return objective(problem, engine, simulator=simulator, **options).motion(x)
-
-
-def older(engine: Any, simulator: str | None) -> Any:
-    """The engine's name, which may be given by the older word for it."""
-    if simulator:
-        warnings.warn("simulator= is the older name of engine=, and will go", DeprecationWarning, stacklevel=3)
-    return simulator or engine
+    return objective(problem, engine, **options).motion(x)
 
 
 def final_cost(problem: Problem, engine: Engine | Simulator, x: Float[Array, " n"]) -> Scalar:

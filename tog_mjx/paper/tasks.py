@@ -14,6 +14,7 @@ import numpy as np
 from tog_mjx.paper import released as released  # Which makes it known as an engine.
 from tog_mjx.problems import Plane, Problem, State
 from tog_mjx.problems.library import LIBRARY, get_problem
+from tog_mjx.running.older_names import OlderAttribute
 from tog_mjx.running.types import Scalar, Setpoints, Vector
 
 
@@ -62,6 +63,10 @@ class Task(Problem):
     def expand(self, point: Vector) -> Setpoints:
         """The setpoints [K * 2F] of a point of the window."""
         return self.plane.x(point)
+
+    @OlderAttribute.of("steps + 1")
+    def horizon(self) -> int:
+        return self.steps + 1
 
 
 def flip_cost(last: State) -> Scalar:

@@ -19,6 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, Key
 
 from tog_mjx.gradients import Estimator
 from tog_mjx.running.errors import InputError, require_whole
+from tog_mjx.running.older_names import OlderAttribute
 from tog_mjx.running.types import Numbers
 
 REPORT_INTERVAL = 0.5
@@ -69,6 +70,14 @@ class Descent(NamedTuple):
     def best(self) -> Any:
         """The best iterate [n], of cost `costs[best_iteration]`."""
         return jax.tree.map(lambda all_: all_[self.best_iteration], self.setpoints)
+
+    @OlderAttribute.of("last")
+    def setpoints_last(self) -> Any:
+        return self.last
+
+    @OlderAttribute.of("best")
+    def setpoints_best(self) -> Any:
+        return self.best
 
 
 class _Loop(NamedTuple):

@@ -25,7 +25,6 @@ import optax
 from jaxtyping import Array, Float
 
 from tog_mjx.engines import Objective, choose_engine, gradient_charge, objective, precision
-from tog_mjx.engines.objective import older
 from tog_mjx.engines.simulator import AUTO
 from tog_mjx.gradients import common_starts, exact
 from tog_mjx.gradients.reversible import unless_refused
@@ -34,6 +33,7 @@ from tog_mjx.problems.problem import Problem
 from tog_mjx.problems.starts import Starts
 from tog_mjx.running import user_code
 from tog_mjx.running.errors import InputError, require_kind
+from tog_mjx.running.older_names import older_keywords
 from tog_mjx.running.pytrees import variables
 from tog_mjx.running.types import AnyArray, Scalar
 from tog_mjx.solving.descent import Descent, descend
@@ -43,6 +43,7 @@ CHARGE = 4.0
 """Evaluations of J that a gradient of any function counts as: what those of the simulators take."""
 
 
+@older_keywords(task="problem", simulator="engine")
 def solve(
     problem: str | Problem | Callable[[Any], Scalar],
     guess: Any = None,
@@ -50,7 +51,6 @@ def solve(
     budget: int | float = 1000,
     reach: int | float | None = None,
     engine: str | None = None,
-    simulator: str | None = None,
     differentiation: str | None = None,
     report: Callable[[int], None] | None = None,
 ) -> Descent:
@@ -71,7 +71,6 @@ def solve(
         each of them by twice as much, and where starts are drawn by as much. None: as far as a variable is from zero,
         and at least 1; of a problem, its `reach`.
       engine: of a problem: "mjx" (if None), "mujoco", "penalty" or "released", or "auto", see `tog.objective`.
-        `simulator` is its older name.
       differentiation: of a problem: which gradient to follow, an option of the simulator; None is its own, the
         derivative between two jumps of the motion. That succeeds at least as often on flip and grasp, with any number
         of knots: on the grasp with constant setpoints, from 3 cm off, in all runs, and "saltation", the slope with the
@@ -89,7 +88,6 @@ def solve(
         require_kind("reach", reach, Real, "give a number, in the units of the variables")
         if not 0 < reach < float("inf"):
             raise InputError(f"reach is {reach}: give a positive number, in the units of the variables")
-    engine = older(engine, simulator)
     if callable(problem):
         if engine or differentiation:
             raise InputError("engine and differentiation are a problem's; a function of your own has its own")

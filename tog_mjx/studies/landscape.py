@@ -18,6 +18,7 @@ from tog_mjx.problems import Plane, Problem, Starts
 from tog_mjx.problems.library import get_problem
 from tog_mjx.running.batches import map_kept, map_points
 from tog_mjx.running.errors import require_whole
+from tog_mjx.running.older_names import older_keywords
 from tog_mjx.running.types import Scalar
 
 
@@ -35,6 +36,7 @@ class GradientField(NamedTuple):
     gradients: np.ndarray
 
 
+@older_keywords(task="problem", simulator="engine")
 def landscape(
     problem: str | Problem,
     engine: str = "mjx",
@@ -61,6 +63,7 @@ def landscape(
     return Landscape(plane.grid(size), costs.reshape(size, size))
 
 
+@older_keywords(task="problem", simulator="engine")
 def gradient_field(
     problem: str | Problem,
     engine: str = "mjx",
