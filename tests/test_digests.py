@@ -88,7 +88,7 @@ def test_every_library_is_known_to_compute_or_not_to():
     files = [file.relative_to(PACKAGE).with_suffix("") for file in PACKAGE.rglob("*.py")]
     used = set[str]().union(*(modules_behind(f"tog_mjx.{'.'.join(file.parts)}") for file in files))
     used = {name for name in used if not name.startswith("tog_mjx")}
-    others = {"jaxtyping", "pandas", "matplotlib", "rich", "jinja2", "PIL", "imageio_ffmpeg"}
+    others = {"jaxtyping", "pandas", "matplotlib", "rich", "packaging", "jinja2", "PIL", "imageio_ffmpeg"}
     assert {name for name in used if name not in COMPUTES} - others <= sys.stdlib_module_names
 
 

@@ -1,32 +1,30 @@
 """What every script shares: one clear line for bad input, the compilation cache, and progress."""
 
-import argparse
 import contextlib
 import gc
 import io
 import os
-import re
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import jax
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from tog_mjx.running.arguments import ArgumentParser as ArgumentParser
+from tog_mjx.running.arguments import within as within
+from tog_mjx.running.caches import CACHE_VARIABLE as CACHE_VARIABLE
+from tog_mjx.running.caches import JAX_CACHE_VARIABLE, cache_folder, unwritable
 from tog_mjx.running.devices import use_all_cores
-from tog_mjx.running.errors import InputError, near, printable
+from tog_mjx.running.errors import InputError, printable
 from tog_mjx.running.interruption import Terminated, awaiting_interruptions, interruptible
 from tog_mjx.running.quiet import without_remarks, without_warnings
 from tog_mjx.running.user_code import own_lines
 from tog_mjx.running.xla_flags import tune_compiler
-
-CACHE_VARIABLE = "TOG_MJX_CACHE"
-"""Environment variable: the folder of compiled functions, or "off". The default lies in the user's cache folder."""
 
 SEEDS = 2**32 - 1
 """The largest seed: in float32 JAX would cut off what is beyond."""
@@ -35,28 +33,6 @@ GRID_MOST = 3000
 CONTINUES = "what was finished is kept, the same command continues"
 """What most of those say that keep something when they are interrupted."""
 _SECONDS_BETWEEN_LINES = 10
-
-
-class ArgumentParser(argparse.ArgumentParser):
-    """argparse's, saying in one line on standard error what is wrong."""
-
-    def error(self, message: str) -> NoReturn:
-        if found := re.search(r"invalid choice: '(.+)' \(choose from (.+)\)", message):
-            message += near(found[1], re.findall(r"[^\s,']+", found[2]))
-        self.exit(2, f"{self.prog}: {printable(message)} (see --help)\n")
-
-
-def within(kind: Callable[[str], Any], low: int | float, high: int | float) -> Callable[[str], Any]:
-    """A parser of numbers from `low` to `high`."""
-
-    def number(text: str) -> Any:
-        value = kind(text)
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is not from {low} to {high}")
-        return value
-
-    number.__name__ = kind.__name__  # argparse names it where `kind` fails.
-    return number
 
 
 def run_main(main: Callable[[], None], continues: str = "") -> None:
@@ -101,17 +77,12 @@ def _leave(status: int) -> NoReturn:
 
 def enable_compilation_cache() -> None:
     """Keeps compiled functions on disk, so that a second start need not compile. JAX_COMPILATION_CACHE_DIR wins."""
-    wish = os.environ.get(CACHE_VARIABLE)
-    if (wish or "").lower() == "off" or os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+    folder = cache_folder()
+    if folder is None or os.environ.get(JAX_CACHE_VARIABLE):
         return
-    root = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")  # noqa: PTH111 (Path.home() may raise)
-    folder = Path(wish or Path(root) / "tog_mjx")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        tempfile.TemporaryFile(dir=folder).close()
-    except OSError as error:
+    if complaint := unwritable(folder):
         name = Path(sys.argv[0]).name
-        print(f"{name}: compiling without a cache: {folder} cannot be written ({error.strerror})", file=sys.stderr)
+        print(f"{name}: compiling without a cache: {folder} cannot be written ({complaint})", file=sys.stderr)
         return
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
