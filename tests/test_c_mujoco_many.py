@@ -15,7 +15,8 @@ from c_mujoco_scenes import STEPS, bodies, by_hand, floor, somewhere
 
 import tog_mjx as tog
 from tog_mjx.engines.c_mujoco.forward import Forward
-from tog_mjx.engines.c_mujoco.linearise import for_each, pool, slopes
+from tog_mjx.engines.c_mujoco.linearise import slopes
+from tog_mjx.engines.c_mujoco.threads import for_each, pool
 from tog_mjx.running.devices import cores
 
 

@@ -93,6 +93,7 @@ class Forward:
         other.model = copy.copy(self.model)
         option = other.model.opt
         option.tolerance = min(option.tolerance, PRECISE)
+        option.enableflags |= mujoco.mjtEnableBit.mjENBL_INVDISCRETE  # Of no effect on motions.
         if option.solver == mujoco.mjtSolver.mjSOL_PGS:
             option.solver, option.iterations = mujoco.mjtSolver.mjSOL_NEWTON, max(option.iterations, NEWTON)
         other.idle, other.spare, other.rooms = defaultdict(list), [], []

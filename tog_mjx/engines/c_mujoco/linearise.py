@@ -5,20 +5,18 @@ within a step of the difference, and the mean would be a jump divided by that st
 smaller step, and if they are still apart the side counts that changes less with the step: it does not cross the jump.
 """
 
-import functools
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from tog_mjx.engines.c_mujoco import inverse
 from tog_mjx.engines.c_mujoco.forward import STATE, Forward, taken
 from tog_mjx.engines.c_mujoco.one_step import Given, one_step
 from tog_mjx.engines.c_mujoco.switching import Jumps
-from tog_mjx.running.devices import cores
-from tog_mjx.running.interruption import has_come
+from tog_mjx.engines.c_mujoco.threads import for_each, on_all_cores
 from tog_mjx.stepping.velocity_space import position_basis, velocity_basis
 
 STEP, FINE = 1e-6, 1e-8
@@ -28,8 +26,6 @@ APART = 1e-2
 """The difference of the two, relative to the flatter one and at least to 1, from which on something lies in between: of
 what is smooth it is STEP times a second derivative, which in stiff contacts is a few thousand times the first one. A
 jump that is overlooked is smaller than APART * STEP."""
-SIGNALS = 0.1
-"""Seconds after which Python, waiting for threads, looks for one that came just before it began to wait."""
 NO_SECOND = "engine mujoco has first derivatives only; take engine mjx for second ones"
 
 
@@ -40,11 +36,6 @@ class Slopes(NamedTuple):
     state: np.ndarray
     controls: np.ndarray
     held: np.ndarray
-
-
-@functools.cache
-def pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(cores(), "linearise")
 
 
 def slopes(
@@ -62,21 +53,34 @@ def slopes(
     model, (_, q, *_) = forward.model, forward.ends
     held = np.tile(forward.row, (len(before), 1)) if held is None else held
     usable = np.flatnonzero(np.isfinite(after).all(1) & np.isfinite(before).all(1))
-    by_steps = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-
-    def one_sided(rows: np.ndarray, step: float) -> np.ndarray:
-        given = before[rows], controls[rows], held[rows]
-        parts = [] if by_steps else [_transitions(forward, given, step)]
-        if by_steps or is_held:
-            parts.append(one_step(forward, given, step, by_steps, is_held))
-        return np.concatenate(parts, axis=3)
-
     n, nu, m = 2 * model.nv + model.na, model.nu, forward.layout.directions if is_held else 0
+
+    def given(rows: np.ndarray) -> Given:
+        return before[rows], controls[rows], held[rows]
+
+    def of_states(rows: np.ndarray, step: float) -> np.ndarray:
+        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+            return one_step(forward, given(rows), step, True, False)
+        return _transitions(forward, given(rows), step)
+
+    def of_held(rows: np.ndarray, step: float) -> np.ndarray:
+        return one_step(forward, given(rows), step, False, True)
+
     slope = np.full((len(before), 1 + n, n + nu + m), np.nan)
-    slope[usable] = centred(one_sided, usable)
+    rough = usable
+    if inverse.is_for(forward):
+        both, done = inverse.transitions(forward, given(usable), after[usable])
+        is_smooth = done & ~_apart(both).any(1)
+        slope[usable[is_smooth], :, : n + nu] = both[:, is_smooth].mean(0)
+        rough = usable[~is_smooth]
+    if rough.size:
+        slope[rough, :, : n + nu] = centred(of_states, rough)
+    if is_held:
+        slope[usable, :, n + nu :] = centred(
+            lambda rows, step: one_step(forward, given(rows), step, False, True), usable
+        )
     if forward.differentiation == "saltation":
-        given = before[usable], controls[usable], held[usable]
-        slope[usable, 1:, : model.nv] += _jumps(forward, given, after[usable])
+        slope[usable, 1:, : model.nv] += _jumps(forward, given(usable), after[usable])
     in_held = slope[..., n + nu :]
     in_held = forward.layout.in_numbers(held, in_held) if is_held else in_held
     found = Slopes(slope[:, 1:, :n], slope[:, 1:, n : n + nu], in_held)
@@ -114,52 +118,8 @@ def _jumps(forward: Forward, given: Given, after: np.ndarray) -> np.ndarray:
             found[i] = room.of_step(states[i], after[i], controls[i], held[i])
         forward.rooms.append(room)
 
-    _on_all_cores(forward, some, len(states))
+    on_all_cores(forward, some, len(states))
     return found
-
-
-def for_each(forward: Forward, held: Float[np.ndarray, "N h"], one: Callable[[mujoco.MjData, int], None]) -> None:
-    """`one(data, number)` of so many members, on all cores, whose data and their model have what each holds; unless the
-    program is interrupted."""
-
-    def some(numbers: Iterable[int]) -> None:
-        before = None
-        with forward.data() as data:
-            for i in numbers:
-                if before is None or (held[i] != held[before]).any():
-                    forward.hold(data, held[i])
-                one(data, i)
-                before = i
-
-    _on_all_cores(forward, some, len(held))
-
-
-def _on_all_cores(forward: Forward, some: Callable[[Iterable[int]], None], count: int) -> None:
-    """Calls a function of some of the numbers below `count` until all have been given, each once."""
-    interrupted = False
-
-    def going_on(numbers: np.ndarray) -> Iterator[int]:
-        for i in numbers.tolist():
-            if interrupted or has_come():
-                return
-            yield i
-
-    # Each a comb, not a piece: where a motion is in contact its steps take longer.
-    parts = [np.arange(first, count, forward.threads) for first in range(min(count, forward.threads))]
-    try:
-        if len(parts) == 1:
-            some(going_on(parts[0]))
-            parts = []
-        running = {pool().submit(some, going_on(part)) for part in parts}
-        while running:
-            done, running = wait(running, SIGNALS)
-            for future in done:
-                future.result()
-    except BaseException:
-        interrupted = True
-        raise
-    if has_come():
-        raise KeyboardInterrupt
 
 
 def centred(one_sided: Callable[[np.ndarray, float], np.ndarray], members: np.ndarray) -> np.ndarray:

@@ -16,7 +16,8 @@ from jaxtyping import Float
 
 from tog_mjx.engines.c_mujoco.forward import STATE, Forward
 from tog_mjx.engines.c_mujoco.held import Rows
-from tog_mjx.engines.c_mujoco.linearise import centred, for_each
+from tog_mjx.engines.c_mujoco.linearise import centred
+from tog_mjx.engines.c_mujoco.threads import for_each
 
 States: TypeAlias = Float[np.ndarray, "N s"]
 Controls: TypeAlias = Float[np.ndarray, "N nu"]
