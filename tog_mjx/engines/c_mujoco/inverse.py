@@ -26,6 +26,7 @@ LARGE = 8
 """From so many degrees of freedom on it takes less time than `mjd_transitionFD` where there are constraints."""
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)  # To compare an enumerator itself takes as long as a small step.
 _INTEGRATORS = _EULER, int(mujoco.mjtIntegrator.mjINT_IMPLICIT), int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+_FIXED = int(mujoco.mjtGain.mjGAIN_FIXED)
 _ELLIPTIC = int(mujoco.mjtCone.mjCONE_ELLIPTIC)
 _TURNING = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
 """Joints that turn in three ways, and the first of those among their velocities."""
@@ -33,9 +34,11 @@ _TURNING = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL):
 
 def is_for(forward: Forward) -> bool:
     """Whether it saves time, and f and tau are all that there is: no activations, no forces in space, whose moments
-    turn with bodies, no limits of what several actuators do together, nothing that changes forces after the solver."""
+    turn with bodies, no limits of what several actuators do together, nothing that changes forces after the solver,
+    and no implicit integrator whose damping may follow controls."""
     model = forward.model
-    if model.nv < LARGE or model.opt.integrator not in _INTEGRATORS:
+    is_damped = model.opt.integrator != _EULER and (model.actuator_gaintype != _FIXED).any()
+    if model.nv < LARGE or model.opt.integrator not in _INTEGRATORS or is_damped:
         return False
     with forward.data() as data:
         is_pushed = data.xfrc_applied.any()
