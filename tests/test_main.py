@@ -54,6 +54,14 @@ def test_complaints_name_the_command_as_it_was_typed(run_script):
     assert found.stderr.startswith("python -m tog_mjx check: the following arguments are required: scene")
 
 
+def test_a_package_that_a_command_lacks_is_one_line(run_script, monkeypatch):
+    monkeypatch.delitem(sys.modules, "tog_mjx.commands.study", raising=False)
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    told = "the package pandas is not installed: pip install pandas; tog doctor says what else is missing\n"
+    assert run_script("tog", "study", "seeds") == (2, "", f"tog study: {told}")
+    assert run_script("run_study.py", "seeds") == (2, "", f"run_study.py: {told}")
+
+
 def test_every_command_but_the_doctor_is_a_script_too():
     called = [re.findall(r'^run\("(\w+)"\)$', path.read_text(), re.MULTILINE) for path in SCRIPTS.glob("*.py")]
     assert sorted(name for (name,) in called) == sorted(set(commands()) - {"doctor"})

@@ -194,7 +194,7 @@ def test_without_the_video_extra_one_line_names_it(run_script, tmp_path, monkeyp
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     status, _, complaint = run_script(NAME, "flip", "--mp4", tmp_path / "a.mp4")
     assert status == 2
-    assert "pip install '.[video]'" in complaint
+    assert "pip install imageio-ffmpeg" in complaint
     assert complaint.count("\n") == 1
 
 

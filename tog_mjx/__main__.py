@@ -36,7 +36,15 @@ def run(name: str) -> None:
     # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    importlib.import_module(f"tog_mjx.commands.{name}").run()
+    try:
+        command = importlib.import_module(f"tog_mjx.commands.{name}")
+    except ModuleNotFoundError as error:
+        if str(error.name).startswith("tog_mjx"):
+            raise
+        remedy = f"pip install {error.name}; tog doctor says what else is missing"
+        print(f"{Path(sys.argv[0]).name}: the package {error.name} is not installed: {remedy}", file=sys.stderr)
+        sys.exit(2)
+    command.run()
 
 
 def commands() -> dict[str, str]:

@@ -1,7 +1,7 @@
 """Draws the paper's Figures 1 to 7 and its Table I, on every simulator asked for, as PNG and PDF.
 
 Descents and landscapes that the folder keeps are read, the others are computed first: the folder is that of
-reproduce_paper.py.
+tog reproduce.
 """
 
 from pathlib import Path

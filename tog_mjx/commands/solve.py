@@ -1,6 +1,7 @@
 """Descend on a problem of your own, as my_problem.py:push: what is best, how it moves, and the landscape around it.
 
-Writes best.npy, descent.npz, figures, a GIF and a page, index.html. A landscape that was killed goes on where it was.
+An installed package brings one, tog_mjx.examples.push:push. Writes best.npy, descent.npz, figures, a GIF and a page,
+index.html. A landscape that was killed goes on where it was.
 """
 
 import argparse

@@ -71,7 +71,7 @@ def parse_arguments() -> argparse.Namespace:
     default = "default: those of the keyframe start, else of the first keyframe, else 0"
     each = "one of each actuator; of a task: x and z of each finger in m"
     what.add_argument("--setpoints", type=float, nargs="+", metavar="U", help=f"{each} ({default})")
-    what.add_argument("--run", type=Path, metavar="RESULT.npz", help="show the motion of a run of reproduce_paper.py")
+    what.add_argument("--run", type=Path, metavar="RESULT.npz", help="show the motion of a run of tog reproduce")
     what.add_argument("--x", type=Path, metavar="FILE.npy", help="the variables of a problem (default: its guess)")
     iterate = "of the run; 0 is the initial guess (default: best)"
     parser.add_argument("--iterate", type=which, metavar="best|last|N", help=iterate)
@@ -79,7 +79,7 @@ def parse_arguments() -> argparse.Namespace:
     where.add_argument("--web", action="store_true", help="serve a page for a browser, to other computers too")
     where.add_argument("--port", type=within(int, 0, 65535), metavar="N", help="default: the first free from 8080 on")
     where.add_argument("--gif", type=Path, metavar="FILE", help="write an animated GIF")
-    where.add_argument("--mp4", type=Path, metavar="FILE", help="write a video; it needs pip install '.[video]'")
+    where.add_argument("--mp4", type=Path, metavar="FILE", help="write a video; it needs pip install imageio-ffmpeg")
     how = parser.add_argument_group("how")
     seconds = f"default: the task's horizon, else {DURATION:g} s"
     how.add_argument("--duration", type=within(float, 0.001, 600), metavar="S", help=seconds)

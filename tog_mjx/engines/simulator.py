@@ -9,7 +9,7 @@ A simulator is an immutable set of parameters with three pure functions; everyth
 A simulator knows no task. Its parameters are leaves of a pytree, so that a compiled function can take them as an
 argument and differentiate with respect to them; its choices of law and differentiation are static. `CHUNK` is the
 number of motions that it simulates quickest at a time on one device, and `GRADIENT_CHARGE` the number of evaluations of
-J that one gradient with J counts as: what `scripts/benchmark.py --section single` measures, rounded up to a half;
+J that one gradient with J counts as: what `tog benchmark --section single` measures, rounded up to a half;
 `SALTATION_CHARGE` is that of one with the jumps, where there is one.
 """
 

@@ -1,1 +1,1 @@
-"""What everything stands on: devices, batches, results on disk, scripts, bad input."""
+"""What everything stands on: devices, batches, results on disk, commands, bad input."""

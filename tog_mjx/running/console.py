@@ -1,4 +1,4 @@
-"""What every script shares: one clear line for bad input, the compilation cache, and progress."""
+"""What every command shares: one clear line for bad input, the compilation cache, and progress."""
 
 import contextlib
 import gc
@@ -36,7 +36,7 @@ _SECONDS_BETWEEN_LINES = 10
 
 
 def run_main(main: Callable[[], None], continues: str = "") -> None:
-    """Runs a script: bad input ends it with one line and status 2, Ctrl-C with one and 130, SIGTERM with one and 143.
+    """Runs a command: bad input ends it with one line and status 2, Ctrl-C with one and 130, SIGTERM with one and 143.
 
     Where a user's own code has failed, its lines stand before that line. `continues` tells after an interruption what
     is kept, and how to go on.

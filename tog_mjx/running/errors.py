@@ -10,7 +10,7 @@ MANY = 10_000_000
 
 
 class InputError(ValueError):
-    """Bad input, told in one line: what is wrong, where, and the remedy. Scripts print it and exit with status 2."""
+    """Bad input, told in one line: what is wrong, where, and the remedy. Commands print it and exit with status 2."""
 
 
 def require_kind(what: str, value: object, kinds: Any, remedy: str) -> None:

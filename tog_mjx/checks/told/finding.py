@@ -74,7 +74,7 @@ class Verdict:
         return [[slope * size for slope, size in zip(row, self.scale, strict=True)] for row in self.gradient]
 
     def __str__(self) -> str:
-        """All findings and the verdict's line, as `scripts/check_gradients.py` prints them."""
+        """All findings and the verdict's line, as `tog check` prints them."""
         return "\n".join([*map(str, self.findings), f"{printable(self.subject)}: {self.line}"])
 
     @property

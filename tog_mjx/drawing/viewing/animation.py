@@ -44,7 +44,7 @@ def check_video(size: tuple[int, int]) -> None:
       InputError: without the package that brings the encoder, or for a size that H.264 does not take.
     """
     if importlib.util.find_spec("imageio_ffmpeg") is None:
-        raise InputError("an MP4 needs the package imageio-ffmpeg; install it with: pip install '.[video]'")
+        raise InputError("an MP4 needs the package imageio-ffmpeg; install it with: pip install imageio-ffmpeg")
     if size[0] % 2 or size[1] % 2:
         raise InputError(f"a video of {size[0]} x {size[1]} pixels cannot be encoded; give even numbers")
 

@@ -271,4 +271,4 @@ STUDIES: dict[str, Study] = {
     "why": Why(),
     "released_quirks": released_quirks,
 }
-"""By name, as `scripts/run_study.py` takes it."""
+"""By name, as `tog study` takes it."""
