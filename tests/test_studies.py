@@ -4,7 +4,9 @@ import contextlib
 import dataclasses
 import itertools
 import math
+import sys
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,8 +18,9 @@ from tog_mjx.paper.comparison import compute as compute_run
 from tog_mjx.paper.questions import catalogue
 from tog_mjx.paper.questions.catalogue import candidates, chosen
 from tog_mjx.paper.tasks import get_task
+from tog_mjx.running.errors import InputError
 from tog_mjx.running.storage import load_result, save_result
-from tog_mjx.solving.methods import METHODS
+from tog_mjx.solving.methods import METHODS, Settings
 from tog_mjx.studies.cell import Cell, Found, compute, updates_within
 from tog_mjx.studies.study import Comparison, Store, rows
 
@@ -34,6 +37,12 @@ def test_a_cell_is_the_descent_of_the_comparison(table_1):
         np.testing.assert_allclose(found.costs[member], descent.costs, rtol=1e-9)
         np.testing.assert_allclose(found.best[member], descent.best, rtol=1e-9)
         np.testing.assert_allclose(found.last[member], descent.last, rtol=1e-9)
+
+
+def test_a_strategy_without_its_library_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "evosax.algorithms", None)
+    with pytest.raises(InputError, match="CMA_ES needs the package evosax; install it with: pip install evosax"):
+        METHODS["CMA-ES"].bind(lambda u: u @ u, Settings(jnp.array(1.0), jnp.array(0.1)), 2)
 
 
 def test_equal_seeds_have_equal_guesses_whatever_the_method(table_1):

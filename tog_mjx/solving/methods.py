@@ -22,6 +22,7 @@ from jaxtyping import Array, Float, Key
 
 from tog_mjx import gradients
 from tog_mjx.gradients import Estimator, Objective
+from tog_mjx.running.errors import InputError
 from tog_mjx.running.types import Scalar
 from tog_mjx.solving.solve import update_rule
 
@@ -118,7 +119,10 @@ def _strategy(name: str) -> Callable:
     """A class of evosax, whose import computes with JAX: earlier than this, devices and compiler could not be set any
     more. Here it may be in the middle of a trace, of which it must not become a part."""
     with jax.ensure_compile_time_eval():
-        return getattr(importlib.import_module("evosax.algorithms"), name)
+        try:
+            return getattr(importlib.import_module("evosax.algorithms"), name)
+        except ModuleNotFoundError:
+            raise InputError(f"{name} needs the package evosax; install it with: pip install evosax") from None
 
 
 def _default_population(n: int) -> int:
