@@ -9,8 +9,9 @@ from PIL import Image, ImageSequence
 from saved_run import COSTS, save_run
 
 from tog_mjx.drawing.viewing import Live, Loop, Motion, frame_times, render, simulate, start, write_gif
-from tog_mjx.drawing.viewing.camera import aim, light, window
+from tog_mjx.drawing.viewing.camera import aim, window
 from tog_mjx.drawing.viewing.child import run_python
+from tog_mjx.drawing.viewing.looks import dress
 from tog_mjx.drawing.viewing.playback import HOLD
 from tog_mjx.engines.objective import rollout
 from tog_mjx.mjcf.scene import compile_model, load_scene, scene_path
@@ -126,7 +127,7 @@ def test_a_loop_keeps_pace_and_holds_its_end():
         loop.advance(seconds)
         shown.append(int(data.qpos[0]) // 5)
     assert shown == [0, 0, 1, 2, 2, 0]
-    np.testing.assert_array_equal(motion.at(np.array([0.05, 0.1, 9.0])), motion.qpos[[0, 1, 2]])
+    np.testing.assert_array_equal(motion.at(np.array([0.05, 0.1, 9.0])).qpos, motion.qpos[[0, 1, 2]])
 
 
 def test_a_live_simulation_waits_then_keeps_pace_and_does_not_rush():
@@ -169,18 +170,6 @@ def test_the_view_widens_only_where_the_motion_leaves_it():
     assert np.abs(np.array([0.5, 16.0]) - [x, z])[1] > 0.5 * height  # The setpoint, far away, is left out.
 
 
-def test_the_free_camera_is_turned_to_what_has_left_its_statistic():
-    model = mujoco.MjModel.from_xml_string(
-        "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>"
-    )
-    for aspect in (2.0, 0.5):
-        aim(model, mujoco.MjData(model), np.array([[5.0, 0, 1, 1, 0, 0, 0], [7.0, 0, 1, 1, 0, 0, 0]]), aspect)
-        np.testing.assert_allclose(model.stat.center, [6, 0, 1])
-        radius, distance = np.linalg.norm([2.2, 0.2, 0.2]) / 2, 1.5 * model.stat.extent  # As MuJoCo places it.
-        seen = distance * np.sin(np.deg2rad(model.vis.global_.fovy) / 2) * min(1, aspect)
-        assert radius < seen < 1.02 * radius
-
-
 CUBE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/>
   <body pos="0.3 0 0.1"><freejoint/><geom type="box" size="0.1 0.1 0.1"/></body>
   <body pos="0 0 0.1"><joint type="slide" axis="1 0 0"/><geom size="0.1"/></body></worldbody></mujoco>"""
@@ -192,7 +181,7 @@ def test_what_moves_is_seen_in_a_scene_without_light_colour_or_camera(backend, m
     monkeypatch.setenv("MUJOCO_GL", backend)
     model = mujoco.MjModel.from_xml_string(CUBE)
     qpos = np.array([[0.3, 0, 0.1, 1, 0, 0, 0, 0.0], [0.3, 0, 0.1, 1, 0, 0, 0, 0.1], [0.7, 0, 0.1, 1, 0, 0, 0, 0.5]])
-    images, method = render(model, mujoco.MjData(model), qpos, (160, 90))
+    images, method = render(model, mujoco.MjData(model), Motion(np.arange(3.0), qpos), (160, 90))
     if backend != "disable" and "without OpenGL" in method:
         pytest.skip(f"no OpenGL here: {method}")
     images = images.astype(int)
@@ -209,18 +198,25 @@ def test_what_moves_is_seen_in_a_scene_without_light_colour_or_camera(backend, m
     assert still + 25 < after
 
 
+def dark(model: mujoco.MjModel) -> bool:
+    return dress(model, mujoco.MjData(model), 1.0).is_dark
+
+
 def test_the_light_and_the_colours_of_a_file_are_kept():
     for task in ("flip", "grasp"):
         model = model_of(task)
         before = model.geom_rgba.copy(), model.vis.headlight.ambient.copy(), model.vis.headlight.diffuse.copy()
-        assert not light(model)
+        sites = model.site_rgba.copy(), model.site_size.copy()
+        assert not dark(model)
         np.testing.assert_array_equal(model.geom_rgba, before[0])
         np.testing.assert_array_equal([model.vis.headlight.ambient, model.vis.headlight.diffuse], before[1:])
+        for kept, found in zip(sites, (model.site_rgba, model.site_size), strict=True):
+            np.testing.assert_array_equal(found, kept)
     lit = mujoco.MjModel.from_xml_string(CUBE.replace("<worldbody>", "<worldbody><light pos='0 0 3'/>", 1))
-    assert not light(lit)
+    assert not dark(lit)
     mine = CUBE.replace("<worldbody>", "<visual><headlight diffuse='1 0 0'/></visual><worldbody>", 1)
-    assert not light(mujoco.MjModel.from_xml_string(mine))
-    assert light(mujoco.MjModel.from_xml_string(CUBE))
+    assert not dark(mujoco.MjModel.from_xml_string(mine))
+    assert dark(mujoco.MjModel.from_xml_string(CUBE))
 
 
 def test_the_times_of_a_gif_do_not_drift(tmp_path):

@@ -14,18 +14,20 @@ from tog_mjx.running.quiet import without_warnings
 from tog_mjx.running.types import Numbers
 from tog_mjx.stepping.mjx_state import default_start, start_key
 
-_DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
+DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL, mujoco.mjtWarning.mjWARN_BADQACC)
 
 
 class Motion(NamedTuple):
-    """Positions `qpos` [T, nq] of a model at `time` [T] (s), which starts at 0."""
+    """Positions `qpos` [T, nq] of a model at `time` [T] (s), which starts at 0, and its controls, where known."""
 
     time: Float[np.ndarray, " T"]
     qpos: Float[np.ndarray, "T nq"]
+    ctrl: Float[np.ndarray, "T nu"] | None = None
 
-    def at(self, times: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n nq"]:
-        """The positions recorded last up to the times (s); after the end, those of the end."""
-        return self.qpos[np.searchsorted(self.time, times, side="right") - 1]
+    def at(self, times: Float[np.ndarray, " n"]) -> "Motion":
+        """What was recorded last up to the times (s); after the end, the end."""
+        kept = np.searchsorted(self.time, times, side="right") - 1
+        return Motion(times, self.qpos[kept], None if self.ctrl is None else self.ctrl[kept])
 
 
 def start(model: mujoco.MjModel, setpoints: Float[np.ndarray, " nu"] | None = None) -> mujoco.MjData:
@@ -77,7 +79,7 @@ def simulate(model: mujoco.MjModel, data: mujoco.MjData, duration: float) -> Mot
     with without_warnings():
         for _ in range(round(duration / model.opt.timestep)):
             mujoco.mj_step(model, data)
-            if any(data.warning[int(kind)].number for kind in _DIVERGED):
+            if any(data.warning[int(kind)].number for kind in DIVERGED):
                 raise InputError(
                     f"the simulation diverges after {len(qpos) - 1} steps; "
                     "give other setpoints, or the scene a smaller <option timestep>"
@@ -98,7 +100,7 @@ def motion_of(problem: Problem, x: Numbers, engine: str = "mjx") -> Motion:
     if not np.isfinite(qpos).all():
         step = int(np.isfinite(qpos).all(1).argmin())
         raise InputError(f"the motion is not finite from step {step} on; give other variables, or a smaller time step")
-    return Motion(np.asarray(found.time) - float(found.time[0]), qpos)
+    return Motion(np.asarray(found.time) - float(found.time[0]), qpos, np.asarray(found.ctrl))
 
 
 def read_numbers(path: Path) -> np.ndarray:

@@ -4,7 +4,10 @@ import re
 import threading
 import time
 
+import mujoco
+
 from tog_mjx.drawing.viewing.child import run_python
+from tog_mjx.drawing.viewing.gl_frames import add_marks, add_tiles
 from tog_mjx.drawing.viewing.playback import Playback
 from tog_mjx.running.errors import InputError
 
@@ -53,14 +56,17 @@ def show_in_window(playback: Playback) -> None:
         raise InputError(f"MuJoCo's viewer does not start: {error}") from None
     threads = set(threading.enumerate()) - others
     with handle.lock():
-        mujoco.mjv_defaultFreeCamera(playback.model, handle.cam)  # The view that the scene asks for.
+        mujoco.mjv_defaultFreeCamera(playback.model, handle.cam)  # The view that the playback has chosen.
     print("Close the window or press Ctrl-C to end.", flush=True)
     try:
         before = time.monotonic()
         while handle.is_running():
             now = time.monotonic()
+            lookat = playback.lookat
             with handle.lock():
                 playback.advance(now - before)
+                handle.cam.lookat[:] += playback.lookat - lookat  # Whoever has turned the camera keeps it so.
+                _add_scenery(handle.user_scn, playback)
             handle.sync()
             before = now
             time.sleep(max(0.0, now + _FRAME - time.monotonic()))
@@ -70,3 +76,11 @@ def show_in_window(playback: Playback) -> None:
         handle.close()
         for thread in threads:  # Python must not end while the viewer's thread still draws.
             thread.join(_CLOSING)
+
+
+def _add_scenery(scene: mujoco.MjvScene, playback: Playback) -> None:
+    """In place of that of the frame before."""
+    scenery, scene.ngeom = playback.scenery, 0
+    add_marks(scene, scenery.marks, scenery.radius)
+    for floor in scenery.floors:
+        add_tiles(scene, playback.model, playback.data, floor, playback.lookat, scenery.tile)
