@@ -113,6 +113,10 @@ def test_steps_that_cannot_be_made(step, given, message):
         (lambda: tog.get_task("flipp"), "did you mean flip?"),
         (lambda: tog.get_task("flip", "4"), "knots is '4'"),
         (lambda: tog.get_task("flip", [4]), r"knots is \[4\]"),
+        (
+            lambda: tog.get_task(tog.Problem(arm, 1, tog.Start(), cost=len)),
+            "model is a problem, and none of the paper's",
+        ),
         (lambda: tog.make_simulator("mjx", "flip"), "the scene is of type str; give what tog.load_scene returns"),
     ],
 )

@@ -14,6 +14,7 @@ import numpy as np
 from tog_mjx.paper import released as released  # Which makes it known as an engine.
 from tog_mjx.problems import Plane, Problem, State
 from tog_mjx.problems.library import LIBRARY, get_problem
+from tog_mjx.running.errors import InputError
 from tog_mjx.running.older_names import OlderAttribute
 from tog_mjx.running.types import Scalar, Setpoints, Vector
 
@@ -33,6 +34,12 @@ class Task(Problem):
     `goal` is a pose (x, z, theta) at which J is 0, and `budget` the evaluation equivalents of one run of a study.
     `window` is the landscape's ((x_min, x_max), (z_min, z_max)) [m]; where `mirrored`, its points [2] are setpoints of
     the first finger, and the second is its mirror image.
+
+    Raises:
+      InputError: as `tog.Problem`.
+
+    Units: m, rad, s; setpoints u [K * 2F] in m.
+    Gradient: of J, as that of `tog.objective`.
     """
 
     goal: tuple[float, float, float]
@@ -119,7 +126,14 @@ LIBRARY.update(TASKS)
 
 
 def get_task(task: str | Task, knots: int | None = None) -> Task:
-    """As `get_problem`, of the paper's."""
+    """The paper's task "flip" or "grasp"; with `knots`, its setpoints change over time. A Task is returned as it is.
+
+    Equal calls return the same task.
+
+    Raises:
+      InputError: for an unknown name, what is no task, or knots that are none or more than the time steps.
+    """
     found = get_problem(task, knots)
-    assert isinstance(found, Task)
+    if not isinstance(found, Task):
+        raise InputError(f"{found.name} is a problem, and none of the paper's tasks; name one of {', '.join(TASKS)}")
     return found
