@@ -57,6 +57,11 @@ def check(
 
     Raises:
       InputError: for an x that holds what are no finite real numbers, and a function that fails or returns none.
+
+    Units: of the function's own; its gradient per unit of each variable.
+    Gradient: none of the verdict. It is about those of `objective`: that it is the slope over short steps and over wide
+      ones, across the jumps of touch-downs; at a kink it says what each side has.
+    Source: own, `scripts/findings`; which gradient to follow: Suh et al., ICML 2022.
     """
     function: Callable[..., Any]
     bound, refused = None, list[Finding]()

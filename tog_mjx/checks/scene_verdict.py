@@ -54,11 +54,15 @@ def check_scene(
     Args:
       model: any, or its MjSpec. Of one that MJX cannot simulate the verdict says why not, and judges the gradient
         through C MuJoCo instead.
-      start: the state, and the controls held; `tog_mjx.stepping.mjx_state.default_start` if None. It is left as it is.
-      steps, differentiation: see `SceneFunction`.
-      output: see `tog_mjx.problems.outputs.Outputs`.
-      wrt: see `tog_mjx.problems.wrt.Displacements`; if None the controls, or the velocities of a scene without
-        actuators.
+      start: the state, and the controls held; if None the keyframe `start`, else the first one, else the initial pose.
+        It is left as it is.
+      steps: time steps of the motion.
+      wrt: "ctrl", "qpos", "qvel", "act", "mocap_pos", "mocap_quat" or a field of floats of `mjx.Model`, or one number
+        of it, as in "geom_friction[2, 0]"; see `tog_mjx.problems.wrt.Displacements`. If None the controls, or the
+        velocities of a scene without actuators.
+      output: of the last state: "qpos", "qvel", "acc", the name of a site or of a sensor, or one number of it; or a
+        function of the last `mjx.Data` that returns a number; see `tog_mjx.problems.outputs.Outputs`.
+      differentiation: see `tog.step`.
       path: the MJCF file that the model was read from: the preflight then names its lines, and variables move all that
         follows from them, see `tog.Parameter`.
       quick: leaves out what compiles the motion again: float32, stock MJX, the cost, and of a fault reverse mode.
@@ -69,6 +73,10 @@ def check_scene(
     Raises:
       InputError: for arguments of a wrong kind, a start of another model, what is not in the scene, or a cost that
         fails or returns no number.
+
+    Units: the model's; the gradient is per unit of each variable.
+    Gradient: none of the verdict. It is about that of the motion, which `tog.step` tells.
+    Source: own, `scripts/findings`; which gradient to follow: Suh et al., ICML 2022.
     """
     kinds = (mujoco.MjModel, mujoco.MjSpec)
     remedy = "what mjx.put_model made it of" if isinstance(model, mjx.Model) else "of a Scene its .model"

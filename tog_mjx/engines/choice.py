@@ -45,7 +45,7 @@ def choose_engine(problem: Problem, gradients: int = GRADIENTS, **options: Any) 
     """The engine for so many gradients of a problem at its guess. Equal calls share one trial.
 
     It is "mjx" on a GPU or a TPU, where C MuJoCo cannot move the problem, and where a step of the two differs; "mujoco"
-    where MJX refuses the scene; else the one that is done sooner.
+    where MJX refuses the scene; else the one that is done sooner. `options` are as in `tog.objective`.
 
     Raises:
       InputError: where neither can move it.

@@ -21,7 +21,10 @@ from tog_mjx.running.types import Numbers, Scalar
 class Objective:
     """J(x) of a problem on an engine: a JAX function, to jit, vmap and differentiate in both modes; see `objective`.
 
-    Of a problem with `Starts` J is the mean over starts, drawn by `key`; without one always the same.
+    Of a problem with `Starts` J is the mean over starts, drawn by `key`; without one always the same. x is [n].
+
+    Units: of x those of the problem's variables, of J those of its cost.
+    Gradient: as `tog.objective` says; by `each` and `with_motion` too.
     """
 
     problem: Problem
@@ -39,16 +42,17 @@ class Objective:
 
     def each(self, x: Numbers, key: Key[Array, ""], count: int | None = None) -> Float[Array, " count"]:
         """The cost of each start that the key draws, so many of them or the problem's own number; of a problem with one
-        start that one [1]."""
+        start that one [1]. InputError: as when J is called."""
         return self._program.costs(self.problem.check(x), key, count)
 
     def with_motion(self, x: Numbers) -> tuple[Motion, Scalar]:
-        """The motion under x from the problem's own start, and its cost."""
+        """The motion under x from the problem's own start, and its cost. InputError: as when J is called."""
         given = self._program
         return given.whole(self.problem.check(x), given.engine.model, given.origin)
 
     def motion(self, x: Numbers, key: Key[Array, ""] | None = None) -> Motion:
-        """The motion under x; with a key those of the starts that it draws, with a leading axis."""
+        """The motion under x; with a key those of the starts that it draws, with a leading axis. InputError: as when J
+        is called."""
         return self._program.motion(self.problem.check(x), key)
 
     @property
@@ -74,6 +78,17 @@ def objective(problem: str | Problem, engine: str = "mjx", *, checkpoint: Any = 
 
     Raises:
       InputError: for an unknown name or option, and a scene or variables that the engine cannot move.
+
+    Units: of x those of the problem's variables, of J those of its cost.
+    Gradient: through all steps, forward and reverse. On "mjx" it is as that of `tog.step`. On "mujoco", of first order
+      alone, each step is linearised by differences of 1e-6: at a touch-down it is the slope of the side that does not
+      cross the jump, at a kink (stick to slip, a contact or a limit exactly at its surface and at rest) the mean of
+      both sides, and of a control at the end of its range that within. On "penalty" and "released" it is JAX's of
+      their program: at a touch-down that of the side on which the step is, at rest that of sticking, at a kink one
+      side's; neither knows limits. "saltation" adds the jumps of touch-downs on average, on any but
+      "released".
+    Source: for "mjx" as `tog.step`; "mujoco": own, by MuJoCo's `mjd_transitionFD`; "penalty": the limit of soft contact
+      of MuJoCo's documentation, Computation, "Constraint model"; "released": the paper's program.
     """
     problem = get_problem(problem)
     engine = resolved(problem, engine, options)
@@ -86,7 +101,15 @@ def objective(problem: str | Problem, engine: str = "mjx", *, checkpoint: Any = 
 
 @older_keywords(task="problem", u="x", simulator="engine")
 def rollout(problem: str | Problem, x: Numbers, engine: str = "mjx", **options: Any) -> Motion:
-    """The motion of a problem under its variables x [n]; arguments and errors are those of `objective`."""
+    """The motion of a problem under its variables x [n].
+
+    Raises:
+      InputError: as `tog.objective`, whose arguments it takes, and for an x of another shape or not finite.
+
+    Units: of x those of the problem's variables, of the motion those of `tog.Motion`.
+    Gradient: of every number of the motion as that of `tog.objective`.
+    Source: as `tog.objective`.
+    """
     return objective(problem, engine, **options).motion(x)
 
 

@@ -23,6 +23,9 @@ class Motion(NamedTuple):
 
     Of a scene of one box and its fingers also box [T, 6] (x, z, theta, vx, vz, omega) and fingers [T, F, 4] (x, z, vx,
     vz), else None.
+
+    Units: the model's, SI where it is; `time` in s.
+    Gradient: as `tog.objective` says, in the variables of the problem.
     """
 
     time: Float[Array, " T"]

@@ -60,12 +60,19 @@ ENGINES: Mapping[str, Any] = ChainMap({"mujoco": CMujoco}, SIMULATORS)
 def make_simulator(name: str, scene: Scene, **options: str) -> Simulator:
     """The simulator called `name` of a planar scene.
 
+    It has `init(box, fingers)`, `step(state, setpoints)` and `observe(state)`, of box [6] (x, z, theta, vx, vz, omega),
+    fingers [F, 4] (x, z, vx, vz) and setpoints [2F].
+
     Args:
       name: "mjx", "penalty" or "released".
       options: see `tog.objective`.
 
     Raises:
-      InputError: for an unknown engine, option or value.
+      InputError: for an unknown engine, option or value, or a scene that is not planar.
+
+    Units: m, rad, s.
+    Gradient: of a step, as `tog.objective` says of its engine.
+    Source: as `tog.objective`.
     """
     check_names(name, options, SIMULATORS)
     require_kind("the scene", scene, Scene, "give what tog.load_scene returns")

@@ -29,6 +29,10 @@ def bernstein_radius(terms: Float[Array, "N n"], confidence: Size) -> Float[Arra
     Here v is the trace of the sample covariance and R the largest |z_i - mean| of the samples. The true ones are not
     known, and zeroth-order terms have no bound: a rule of the inequality's form, no guarantee. It is zero for samples
     that are all equal, as where none of them has crossed a jump.
+
+    Units: of the terms [N, n].
+    Gradient: none is meant to be taken of an error.
+    Source: Bernstein's inequality for vectors, as in Suh et al., ICML 2022.
     """
     samples, n = terms.shape
     level = jnp.log((n + 1) / (1 - confidence))
@@ -40,7 +44,15 @@ def bernstein_radius(terms: Float[Array, "N n"], confidence: Size) -> Float[Arra
 def alpha_order_mix(
     objective: Objective, sigma: Size, samples: int, confidence: Size, threshold: Size
 ) -> Callable[[Key[Array, ""], Float[Array, " n"]], tuple[Float[Array, ""], Mix]]:
-    """As `alpha_order`, with the whole record of the mix in place of its gradient."""
+    """As `alpha_order`, with the whole record of the mix, a `Mix`, in place of its gradient [n].
+
+    Raises:
+      InputError: as `alpha_order`.
+
+    Units: J's per unit of u; of variances, that squared.
+    Gradient: what it returns is that of `alpha_order`, at a kink and across a jump too.
+    Source: as `alpha_order`.
+    """
     if not isinstance(confidence, jax.core.Tracer) and not 0 < float(confidence) < 1:
         raise InputError(f"confidence is {confidence}: it is a probability between 0 and 1, both excluded")
     if not isinstance(threshold, jax.core.Tracer) and not float(threshold) > 0:
@@ -59,7 +71,7 @@ def alpha_order_mix(
 
 
 def alpha_order(objective: Objective, sigma: Size, samples: int, confidence: Size, threshold: Size) -> Estimator:
-    """alpha g1 + (1 - alpha) g0, with the largest weight alpha that zeroth order vouches for.
+    """alpha g1 + (1 - alpha) g0 [n], with the largest weight alpha that zeroth order vouches for.
 
     alpha is that of `mixed` unless alpha |g1 - g0| + eps > gamma, with eps the `bernstein_radius` of g0. Then it is
     max(0, (gamma - eps) / |g1 - g0|). So the estimate is within gamma of the gradient of J_sigma(u) = E J(u + w)
@@ -75,6 +87,11 @@ def alpha_order(objective: Objective, sigma: Size, samples: int, confidence: Siz
 
     Raises:
       InputError: for a setting known to be outside its range.
+
+    Units: J's per unit of u.
+    Gradient: what it returns is an estimate of J_sigma's, at a kink as `mixed`, across a jump within gamma of it where
+      the radius holds.
+    Source: Suh et al., ICML 2022.
     """
     record = alpha_order_mix(objective, sigma, samples, confidence, threshold)
 

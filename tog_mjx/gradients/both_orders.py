@@ -25,6 +25,9 @@ class Mix(NamedTuple):
 
     Each variance is that of the mean of N terms: the trace of their sample covariance over N. That of the mix is of
     its own terms, at the weight found, and so knows how far the two orders are correlated.
+
+    Units: of the gradient J's per unit of u; of variances, that squared.
+    Gradient: that of `mixed` or `alpha_order`, which say what it is across a jump and at a kink.
     """
 
     gradient: Float[Array, " n"]

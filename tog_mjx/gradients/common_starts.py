@@ -17,6 +17,10 @@ def common_starts(estimator: Callable[..., Callable], objective: Callable, *sett
     A call's key is split, into that of the starts and that of the perturbations. Costs that are subtracted are of the
     same starts, so how much starts differ from one another does not count (common random numbers), and the mean over
     keys is that of the estimator on the mean cost.
+
+    Units: those of the estimator; u is [n].
+    Gradient: what it returns is that of the estimator, at a kink and across a jump too.
+    Source: own; common random numbers.
     """
 
     def estimate(key: Key[Array, ""], u: Float[Array, " n"]) -> Any:

@@ -18,7 +18,7 @@ _STENCILS = {2: ((0.5, 1.0),), 4: ((2 / 3, 1.0), (-1 / 12, 2.0))}
 
 
 def central_differences(objective: Objective, step: Size) -> Estimator:
-    """[J(u + h e_i) - J(u - h e_i)] / (2 h) along each axis; 2 n + 1 evaluations, one batch.
+    """[J(u + h e_i) - J(u - h e_i)] / (2 h) along each axis, [n]; 2 n + 1 evaluations, one batch.
 
     Deterministic. Its error is (h^2 / 6) d^3 J / du_i^3 + O(h^4), none for a quadratic, and rounding of about
     |J| eps / h. Across a jump of J by D it is D / (2 h). `settled_differences` chooses h.
@@ -29,6 +29,10 @@ def central_differences(objective: Objective, step: Size) -> Estimator:
 
     Raises:
       InputError: for a step known not to be positive and finite.
+
+    Units: J's per unit of u.
+    Gradient: what it returns is a difference: at a kink the mean of both slopes, across a jump by D, D / (2 h) more.
+    Source: Taylor's formula.
     """
     check_positive("step", step, "a difference needs a positive step")
 
@@ -43,7 +47,10 @@ def central_differences(objective: Objective, step: Size) -> Estimator:
 
 
 class Differences(NamedTuple):
-    """Jacobians [b, m, n] of b points, and their largest change [b] at the last halving, relative to their norm."""
+    """Jacobians [b, m, n] of b points, and their largest change [b] at the last halving, relative to their norm.
+
+    Units: of the values per unit of x; the change has none.
+    """
 
     jacobian: np.ndarray
     change: np.ndarray
@@ -68,10 +75,14 @@ def settled_differences(
     there says how far to trust it.
 
     Args:
-      values: a function of n numbers with m results, of N points at a time.
-      x: the points.
+      values: a function of n numbers with m results, of N points at a time: [N, n] to [N, m].
+      x: the points [b, n].
       steps: at least two, each half of the one before.
       order: of the error in the step, 2 or 4.
+
+    Units: of the values per unit of x; a step is in units of x.
+    Gradient: none of it, it is NumPy's. Within a step of a jump or a kink it does not settle, and its change says so.
+    Source: own; central differences of order 2 and 4.
     """
     points, n = x.shape
     directions = np.eye(n)

@@ -20,6 +20,11 @@ def exact(objective: Objective, mode: Literal["forward", "reverse"] | None = Non
       objective: differentiable in the chosen mode.
       mode: "forward" (time grows with n, memory does not grow with the horizon), "reverse" (the opposite), or None:
         forward for at most `FORWARD_LIMIT` variables.
+
+    Units: of the gradient [n], J's per unit of u.
+    Gradient: what it returns is JAX's: across a jump that of the side on which u is, at a kink as JAX has it (of a
+      maximum or a clip, the mean of both sides).
+    Source: the paper's equation 8.
     """
 
     def estimate(key: Key[Array, ""], u: Float[Array, " n"]) -> tuple[Float[Array, ""], Float[Array, " n"]]:
@@ -39,6 +44,10 @@ def exact_batch(
 
     The directions are the outermost axis of the computation and the points the innermost one, along which a processor
     works on several numbers at a time: on the penalty simulator that takes half the time of a batch of gradients.
+
+    Units: of costs [N] J's, of gradients [N, n] J's per unit of u.
+    Gradient: what it returns is as that of `exact` at a jump and at a kink.
+    Source: own.
     """
     values = jax.vmap(objective)
 

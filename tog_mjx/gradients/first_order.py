@@ -14,7 +14,7 @@ from tog_mjx.gradients.perturbation import Size, check_samples, check_sigma, dir
 
 
 def first_order(objective: Objective, sigma: Size, samples: int) -> Estimator:
-    """The mean over N samples w ~ N(0, sigma^2 I) of grad J(u + w); N gradients and one evaluation, of J(u).
+    """The mean [n] over N samples w ~ N(0, sigma^2 I) of grad J(u + w); N gradients and one evaluation, of J(u).
 
     For a continuous J, differentiable almost everywhere and of moderate growth, it is an unbiased estimate of the
     gradient of J_sigma(u) = E J(u + w). Where J jumps it is biased, whatever N: of a jump by D along one variable it
@@ -28,6 +28,10 @@ def first_order(objective: Objective, sigma: Size, samples: int) -> Estimator:
 
     Raises:
       InputError: for a sigma known not to be positive and finite, or no samples.
+
+    Units: J's per unit of u.
+    Gradient: what it returns is an estimate of J_sigma's, unbiased at a kink and biased across a jump.
+    Source: Suh et al., ICML 2022.
     """
     check_sigma(sigma)
     check_samples(samples)

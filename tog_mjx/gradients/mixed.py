@@ -19,7 +19,15 @@ def inverse_variance(terms: Terms) -> Float[Array, ""]:
 def mix(
     objective: Objective, sigma: Size, samples: int
 ) -> Callable[[Key[Array, ""], Float[Array, " n"]], tuple[Float[Array, ""], Mix]]:
-    """As `mixed`, with the whole record of the mix in place of its gradient."""
+    """As `mixed`, with the whole record of the mix, a `Mix`, in place of its gradient [n].
+
+    Raises:
+      InputError: as `mixed`.
+
+    Units: J's per unit of u; of variances, that squared.
+    Gradient: what it returns is that of `mixed`, at a kink and across a jump too.
+    Source: as `mixed`.
+    """
     draw = both_orders(objective, sigma, samples)
 
     def estimate(key: Key[Array, ""], u: Float[Array, " n"]) -> tuple[Float[Array, ""], Mix]:
@@ -30,7 +38,7 @@ def mix(
 
 
 def mixed(objective: Objective, sigma: Size, samples: int) -> Estimator:
-    """alpha g1 + (1 - alpha) g0, with alpha = V0 / (V0 + V1); N gradients, which bring N costs, and J(u).
+    """alpha g1 + (1 - alpha) g0 [n], with alpha = V0 / (V0 + V1); N gradients, which bring N costs, and J(u).
 
     g0 is `zeroth_order` with its baseline and g1 `first_order` under the same key, V0 and V1 their variances as `Mix`
     has them. Where J jumps it shares the bias of first order, and more of it the smaller V1. Elsewhere its bias is
@@ -48,6 +56,10 @@ def mixed(objective: Objective, sigma: Size, samples: int) -> Estimator:
 
     Raises:
       InputError: for a sigma known not to be positive and finite, or fewer than two samples.
+
+    Units: J's per unit of u.
+    Gradient: what it returns is an estimate of J_sigma's: at a kink biased by O(1 / N), across a jump as first order.
+    Source: weights by inverse variance, Suh et al., ICML 2022; bias and variance: own derivation.
     """
     record = mix(objective, sigma, samples)
 

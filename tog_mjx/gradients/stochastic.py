@@ -9,7 +9,7 @@ from tog_mjx.gradients.perturbation import Size, check_sigma
 
 
 def stochastic(objective: Objective, sigma: Size, normalised: bool = False) -> Estimator:
-    """[J(u + w) - J(u)] w with w ~ N(0, sigma^2 I).
+    """[J(u + w) - J(u)] w [n] with w ~ N(0, sigma^2 I).
 
     Its mean is sigma^2 times the gradient of J smoothed by w. That factor is part of the paper's rule and of its step
     sizes.
@@ -21,6 +21,10 @@ def stochastic(objective: Objective, sigma: Size, normalised: bool = False) -> E
 
     Raises:
       InputError: for a sigma known not to be positive and finite.
+
+    Units: J's times u's; where `normalised`, J's per unit of u.
+    Gradient: what it returns is an estimate of the smoothed J's, also across a jump and at a kink.
+    Source: the paper's equation 9.
     """
     check_sigma(sigma)
     scale = 1 / sigma**2 if normalised else 1.0

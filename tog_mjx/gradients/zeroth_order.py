@@ -14,7 +14,7 @@ from tog_mjx.gradients.perturbation import Size, check_samples, check_sigma, dir
 def zeroth_order(
     objective: Objective, sigma: Size, samples: int, antithetic: bool = False, baseline: bool = True
 ) -> Estimator:
-    """The mean over N samples w ~ N(0, sigma^2 I) of [J(u + w) - b] w / sigma^2; N + 1 evaluations, one batch.
+    """The mean [n] over N samples w ~ N(0, sigma^2 I) of [J(u + w) - b] w / sigma^2; N + 1 evaluations, one batch.
 
     Here b is J(u), or 0 without the baseline. The antithetic estimate is the mean over N pairs of
     [J(u + w) - J(u - w)] w / (2 sigma^2), in which b cancels: 2 N + 1 evaluations.
@@ -36,6 +36,10 @@ def zeroth_order(
 
     Raises:
       InputError: for a sigma known not to be positive and finite, or no samples.
+
+    Units: J's per unit of u.
+    Gradient: what it returns is an estimate of J_sigma's, unbiased also across a jump and at a kink.
+    Source: Nesterov and Spokoiny 2017.
     """
     check_sigma(sigma)
     check_samples(samples)

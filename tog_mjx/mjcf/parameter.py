@@ -38,6 +38,12 @@ class Parameter:
 
     Raises:
       InputError: for a source of another kind, or a name that is not in the model.
+
+    Units: of x [n], those of the field in MuJoCo.
+    Gradient: the model is linear in x, so that its derivative is the same everywhere; that of a motion is as that of
+      `tog.step`. A friction loss or a limit that the MJCF file does not have makes no constraint, and has the
+      derivative zero.
+    Source: own: differences of MuJoCo's compiler.
     """
 
     def __init__(self, source: mujoco.MjModel | mujoco.MjSpec, name: str, origin: Origin | None = None):
@@ -57,7 +63,7 @@ class Parameter:
         self.names = entry_names(self.array, field.shape, self.chosen)
 
     def __call__(self, x: Float[AnyArray, " n"]) -> mjx.Model:
-        """The model with these numbers, on MJX."""
+        """The model with these numbers [n], on MJX."""
         return self.moved(put_model(self.model), jnp.asarray(x) - self.value)
 
     def in_c(self, x: Float[AnyArray, " n"]) -> mujoco.MjModel:

@@ -27,7 +27,14 @@ _PACKAGE = Path(__file__).parent.parent
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A compiled MJCF scene. `model` is MuJoCo's; treat it as read-only. Compared and hashed by identity."""
+    """A compiled MJCF scene. `model` is MuJoCo's; treat it as read-only. Compared and hashed by identity.
+
+    Of a scene of one box and its F fingers it knows which number is which: joints [3 + 2F], actuators [2F]. Of another
+    one, `fingers` is empty and the rest raises InputError.
+
+    Units: the model's; of a planar scene m, rad, kg, s.
+    Gradient: none but that of `planar` and `of_joints`, which pick numbers out of arrays.
+    """
 
     name: str
     model: mujoco.MjModel
@@ -41,13 +48,15 @@ class Scene:
 
     @functools.cached_property
     def joints(self) -> np.ndarray:
-        """Addresses in qpos (and in qvel: all joints are scalar) of box x, z, theta, each finger's x, z. [3 + 2F]"""
+        """Addresses in qpos (and in qvel: all joints are scalar) of box x, z, theta, each finger's x, z. [3 + 2F]
+        InputError: for a scene that lacks one of them."""
         names = ["box_x", "box_z", "box_theta", *(f"{finger}_{axis}" for finger in self.fingers for axis in "xz")]
         return np.array([self._named("jnt", name).qposadr[0] for name in names])
 
     @functools.cached_property
     def actuators(self) -> np.ndarray:
-        """Indices in ctrl of the fingers' setpoints, finger-major: x, z of finger1, then of finger2. [2F]"""
+        """Indices in ctrl of the fingers' setpoints, finger-major: x, z of finger1, then of finger2. [2F]
+        InputError: for a scene that lacks one of them."""
         ids = [self._named("actuator", f"{finger}_{axis}").id for finger in self.fingers for axis in "xz"]
         return np.array(ids, np.int32)  # Which JAX has whatever its x64 flag.
 
@@ -74,13 +83,13 @@ class Scene:
 
     @property
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """Box and fingers by `default_start`."""
+        """Box [6] and fingers [F, 4] at the keyframe `start`, else the first one, else the initial pose."""
         box, fingers = self.planar(self._start.qpos, self._start.qvel)
         return np.asarray(box), np.asarray(fingers)
 
     @property
     def initial_guess(self) -> np.ndarray:
-        """The setpoints u [2F] of `default_start`."""
+        """The setpoints u [2F] of that start."""
         return np.array(self._start.ctrl[self.actuators])
 
     @functools.cached_property
@@ -88,7 +97,7 @@ class Scene:
         return default_start(self.model)
 
     def numeric(self, name: str) -> float:
-        """The value of `<custom><numeric name=... data=...>`."""
+        """The value of `<custom><numeric name=... data=...>`. InputError: for a scene without it."""
         return float(self._named("numeric", name).data[0])
 
     @functools.cached_property
@@ -157,7 +166,7 @@ class Scene:
         )
 
     def pair(self, geom1: int, geom2: int) -> int:
-        """The number of the contact pair of two geoms."""
+        """The number of the contact pair of two geoms. InputError: for geoms that are none."""
         model = self.model
         for i in range(model.npair):
             if {int(model.pair_geom1[i]), int(model.pair_geom2[i])} == {geom1, geom2}:

@@ -13,7 +13,11 @@ from tog_mjx.running.types import Numbers
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """x [n] = origin [n] + p @ axes [2, n], for points p [2] from `low` [2] to `high` [2]; `names` are those of p."""
+    """x [n] = origin [n] + p @ axes [2, n], for points p [2] from `low` [2] to `high` [2]; `names` are those of p.
+
+    Units: of x, of low and of high those of the problem's variables.
+    Gradient: x is linear in p, so that J along a plane has that of `tog.objective`; `project` and `grid` are NumPy's.
+    """
 
     origin: Float[np.ndarray, " n"]
     axes: Float[np.ndarray, "2 n"]
@@ -55,16 +59,16 @@ class Plane:
         return cls(origin, np.eye(len(x))[chosen], sides[:, 0], sides[:, 1], (names[0], names[1]))
 
     def x(self, p: Float[Array | np.ndarray, "*N 2"]) -> Float[Array | np.ndarray, "*N n"]:
-        """The variables at points."""
+        """The variables [..., n] at points [..., 2]."""
         # Not p @ axes, which a GPU rounds.
         return self.origin + p[..., :1] * self.axes[0] + p[..., 1:] * self.axes[1]
 
     def project(self, x: Float[Array | np.ndarray, "*N n"]) -> Float[np.ndarray, "*N 2"]:
-        """The points nearest to variables."""
+        """The points [..., 2] nearest to variables [..., n]."""
         return (np.asarray(x) - self.origin) @ np.linalg.pinv(self.axes)
 
     def grid(self, size: int, centred: bool = False) -> Float[np.ndarray, "N 2"]:
-        """`size` x `size` points, the edges included, or the centres of as many cells; along the first axis first."""
+        """`size` x `size` points [N, 2], edges included, or the centres of as many cells, by the first axis first."""
         fractions = (np.arange(size) + 0.5) / size if centred else np.linspace(0, 1, size)
         first, second = (low + (high - low) * fractions for low, high in zip(self.low, self.high, strict=True))
         return np.stack(np.meshgrid(first, second), axis=-1).reshape(-1, 2)

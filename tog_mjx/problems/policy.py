@@ -30,6 +30,13 @@ class Policy:
       observe: of a `State`; the default is qpos and qvel, one after the other.
       every: time steps for which a control is held.
       scale: the size of a large change of a parameter.
+
+    Raises:
+      InputError: for an `apply` or an `observe` that is no function, or an `every` that is no positive number.
+
+    Units: of what it observes and of controls, the model's.
+    Gradient: in the parameters [n], through `apply`, `observe` and the motion, as that of `tog.objective`; a law that
+      has none where the model is at rest, as a plain norm at zero, makes it NaN there.
     """
 
     apply: Callable[[Any, Any], Array]
@@ -44,6 +51,8 @@ class Policy:
         require_whole("every", self.every, 1)
 
     def bind(self, given: Setting) -> Bound:
+        """The variables in a problem. InputError: for parameters that are no arrays of floats, and later for an `apply`
+        that fails or returns no controls."""
         parameters = variables(self.parameters, "policy")
 
         def controls(x: Array) -> Law:

@@ -32,7 +32,9 @@ _FARTHEST = 1e9
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Compared and hashed by identity.
+    """What to optimise: a model, where it starts, for how long, what may vary, and at which cost.
+
+    Compared and hashed by identity.
 
     Args:
       model: a scene's name ("flip", "grasp"), the path of an MJCF file, an MjSpec, or an MjModel (whose `Parameters`
@@ -49,6 +51,9 @@ class Problem:
 
     Raises:
       InputError: for a scene, start or variable that does not exist, a shape that does not fit, or no cost at all.
+
+    Units: of the model, SI where it is; of x those of its variables.
+    Gradient: of its cost, as that of `tog.objective`.
     """
 
     model: str | Path | mujoco.MjSpec | mujoco.MjModel
@@ -120,14 +125,15 @@ class Problem:
 
     @functools.cached_property
     def origin(self) -> mujoco.MjData:
-        """Where it starts, or around which it does. Treat it as read-only."""
+        """Where it starts, or around which it does, as MuJoCo's data. Treat it as read-only."""
         if isinstance(self.start, mujoco.MjData):
             return self.start
         return keyframe_start(self.scene.model, self.start if isinstance(self.start, str) else None)
 
     @functools.cached_property
     def bound(self) -> Bound:
-        """The variables, of this model and start."""
+        """The variables, of this model and start. InputError: for what is no kind of variables, or what the model does
+        not have."""
         kinds = self.variables if isinstance(self.variables, Sequence) else [self.variables]
         if not kinds:
             raise InputError("the problem has no variables; give Controls, Start, Parameters or Policy")
@@ -138,12 +144,12 @@ class Problem:
 
     @functools.cached_property
     def x0(self) -> Float[np.ndarray, " n"]:
-        """The guess."""
+        """The guess. InputError: as `check`."""
         return self.bound.guess if self.guess is None else np.asarray(self.check(self.guess))
 
     @functools.cached_property
     def limits(self) -> tuple[np.ndarray, np.ndarray]:
-        """Least and largest x, [n] each."""
+        """Least and largest x, [n] each. InputError: for bounds that do not fit."""
         if self.bounds is None:
             return self.bound.low, self.bound.high
         try:

@@ -22,6 +22,12 @@ class Starts:
         `mjx.Model` (domain randomisation), such as
         `{"qpos": qpos0 + 0.05 * jax.random.normal(key, [nq]), "body_mass": ...}`. What it leaves out is the problem's.
       count: starts of one evaluation.
+
+    Raises:
+      InputError: for a sample that is no function, or a count that is no positive number.
+
+    Units: the model's, SI where it is.
+    Gradient: in the problem's variables, as that of `tog.objective`; what is drawn is constant.
     """
 
     sample: Callable[[Key[Array, ""]], Mapping[str, Array]]

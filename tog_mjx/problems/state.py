@@ -77,6 +77,9 @@ class State:
     Attributes:
       time: s. qpos [nq], qvel [nv] and act [na]: as in `mjx.Data`.
       ctrl: the controls [nu] in force: for a policy, which gives the next ones, those of the moment before.
+
+    Units: the model's, SI where it is: m and rad, m/s and rad/s; of a sensor, its own.
+    Gradient: of all that it shows, as that of `tog.objective`, in the problem's variables.
     """
 
     time: Float[Array, ""]
@@ -100,7 +103,7 @@ class State:
 
     @property
     def data(self) -> mjx.Data:
-        """All of `mjx.Data`, of this moment: poses, contacts, forces, accelerations, sensors.
+        """All of `mjx.Data` of this moment: poses, contacts, forces, accelerations, sensors.
 
         Raises:
           InputError: on an engine whose forces are not MJX's.
@@ -109,26 +112,28 @@ class State:
 
     @property
     def qacc(self) -> Float[Array, " nv"]:
-        """The accelerations under the controls in force."""
+        """The accelerations [nv] under the controls in force."""
         return self._derived.qacc
 
     @property
     def sensordata(self) -> Float[Array, " ns"]:
-        """All sensors, in the order of the model; `sensor` gives one by its name."""
+        """All sensors [ns], in the order of the model; `sensor` gives one by its name."""
         return self._derived.sensors(int(mujoco.mjtStage.mjSTAGE_ACC))
 
     def sensor(self, name: str) -> Float[Array, " k"]:
-        """The numbers of one sensor."""
+        """The numbers [k] of one sensor. InputError: for a name that the scene does not have."""
         i = self._number(mujoco.mjtObj.mjOBJ_SENSOR, "sensor", name)
         first = self._names.sensor_adr[i]
         return self._derived.sensors(int(self._names.sensor_needstage[i]))[first : first + self._names.sensor_dim[i]]
 
     def joint(self, name: str) -> Float[Array, "*k"]:
-        """A joint's position: a number of a slide (m) or a hinge (rad), [4] of a ball, [7] of a free one."""
+        """A joint's position: a number of a slide (m) or a hinge (rad), [4] of a ball, [7] of a free one.
+        InputError: for a name that the scene does not have."""
         return self._of_joint(name, self.qpos, self._names.jnt_qposadr, (7, 4, 1, 1))
 
     def speed(self, name: str) -> Float[Array, "*k"]:
-        """A joint's velocity: a number of a slide (m/s) or a hinge (rad/s), [3] of a ball, [6] of a free one."""
+        """A joint's velocity: a number of a slide (m/s) or a hinge (rad/s), [3] of a ball, [6] of a free one.
+        InputError: for a name that the scene does not have."""
         return self._of_joint(name, self.qvel, self._names.jnt_dofadr, (6, 3, 1, 1))
 
     def _of_joint(self, name: str, values: Array, addresses: np.ndarray, sizes: tuple[int, ...]) -> Array:
@@ -137,11 +142,11 @@ class State:
         return values[first] if size == 1 else values[first : first + size]
 
     def site(self, name: str) -> Float[Array, "3"]:
-        """Where a site is, in m."""
+        """Where a site is [3], in m. InputError: for a name that the scene does not have."""
         return self._derived.site(self._number(mujoco.mjtObj.mjOBJ_SITE, "site", name))
 
     def body(self, name: str) -> Float[Array, "3"]:
-        """Where a body's frame is, in m."""
+        """Where a body's frame is [3], in m. InputError: for a name that the scene does not have."""
         return self._derived.body(self._number(mujoco.mjtObj.mjOBJ_BODY, "body", name))
 
     def _number(self, kind: mujoco.mjtObj, what: str, name: str) -> int:

@@ -88,6 +88,12 @@ class Controls:
 
     x [knots * nu] holds those of the first knot, then those of the second, ... Between two knots they change linearly;
     with `hold` each is held until the next. One knot is a constant control.
+
+    Raises:
+      InputError: for a number of knots that is not positive.
+
+    Units: of the actuators' inputs.
+    Gradient: as that of `tog.objective`; controls are linear in x.
     """
 
     knots: int = 1
@@ -97,6 +103,7 @@ class Controls:
         require_whole("knots", self.knots, 1)
 
     def bind(self, given: Setting) -> Bound:
+        """The variables in a problem. InputError: for a scene without actuators, or more knots than time steps."""
         model = given.model
         if not model.nu:
             raise InputError("the scene has no actuators, so there are no controls; take other variables")
@@ -128,12 +135,17 @@ class Start:
     """Where a motion starts: "qvel", "act" or "mocap_pos" themselves, or displacements from the start's own "qpos", in
     velocity space, or from its "mocap_quat", as rotation vectors.
 
-    "qvel[2]" is one number of them; of positions too the index is that of a velocity, below nv.
+    "qvel[2]" is one number of them; of positions too the index is that of a velocity, below nv. All of a field are [nv]
+    (qpos, qvel), [na] (act) or [3 nmocap] numbers.
+
+    Units: m and rad, m/s and rad/s where the model is in SI.
+    Gradient: as that of `tog.objective`; a rotation's is right where nothing turns.
     """
 
     field: str = "qvel"
 
     def bind(self, given: Setting) -> Bound:
+        """The variables in a problem. InputError: for a field that is none of the start, or that the scene lacks."""
         require_choice("the start's variable", array_name(self.field), START)
         found = Displacements(given.model, self.field)
         name, chosen = found.array, found.chosen
@@ -150,7 +162,10 @@ class Start:
 class Parameters:
     """Numbers of the model, by their names in `mjx.Model`: `Parameters("geom_friction[1, 0]", "body_mass[2]")`.
 
-    They move what MuJoCo's compiler derives from them, see `tog.Parameter`.
+    They move what MuJoCo's compiler derives from them, see `tog.Parameter`. x [n] are the numbers themselves.
+
+    Units: those of the fields in MuJoCo.
+    Gradient: as that of `tog.objective`; of what the MJCF file leaves out, as a friction loss, it is zero.
     """
 
     def __init__(self, *fields: str):
@@ -160,6 +175,7 @@ class Parameters:
         return f"Parameters({', '.join(map(repr, self.fields))})"
 
     def bind(self, given: Setting) -> Bound:
+        """The variables in a problem. InputError: for no fields, or one that the model does not have."""
         if not self.fields:
             raise InputError("Parameters() names no field of the model; give one, such as geom_friction")
         parts = [Parameter(given.model, field, given.origin) for field in self.fields]

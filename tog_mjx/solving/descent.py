@@ -41,6 +41,8 @@ class Descent(NamedTuple):
     Every recorded cost is finite: the last iterate is the last good one. Seconds are wall time, compilation apart.
     `held_out` [k + 1] is of a problem with many starts, each of whose costs is that of its own draw: mean costs on
     starts that no update has seen, the same for all iterates that were judged, infinite where a motion is; else NaN.
+
+    Units: of costs and of variables those of J; seconds.
     """
 
     costs: np.ndarray
@@ -123,6 +125,10 @@ def descend(
 
     Raises:
       InputError: for settings out of range, a guess that is not a vector, or a first cost that is not finite.
+
+    Units: those of J and of u.
+    Gradient: none of a descent, whose record is NumPy's.
+    Source: the paper's equations 8 and 9, and update rules of optax.
     """
     iterations = require_whole("iterations", iterations, 0)
     if (step_size is None) == (rule is None):

@@ -82,6 +82,10 @@ def solve(
     Raises:
       InputError: for an unknown name or differentiation, a budget below one gradient, a guess of the wrong shape or
         not finite, or a function that fails, or returns no number, or cannot be differentiated.
+
+    Units: those of J and of its variables.
+    Gradient: none of a descent, whose record is NumPy's; the one that it follows is that of `tog.objective`, or of J.
+    Source: Adam: Kingma and Ba, ICLR 2015; its settings: own, `scripts/findings`.
     """
     require_kind("budget", budget, Real, "give a number of evaluations of J")
     if reach is not None:

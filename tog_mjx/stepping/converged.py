@@ -45,9 +45,14 @@ _LEAST = {"iterations": ITERATIONS, "ls_iterations": LINE_SEARCH}
 def solver_error(
     model: mjx.Model, data: mjx.Data, controls: Float[Array, "*shape nu"], steps: int
 ) -> Float[Array, " nq"]:
-    """How far each position [nq; m, rad or part of a quaternion] strays along a motion from that of `converged(model)`.
+    """How far each position [nq] strays along a motion from that of `converged(model)`, at most.
 
-    Arguments and errors are those of `tog_mjx.stepping.simulate.simulate`, without a batch.
+    Raises:
+      InputError: as `tog.simulate`, whose arguments it takes, without a batch.
+
+    Units: of each position: m, rad, or parts of a quaternion.
+    Gradient: none is meant to be taken of a largest difference.
+    Source: own.
     """
     given, right = (
         simulate(some, data, controls, steps, observe=lambda data: data.qpos)[1] for some in (model, converged(model))

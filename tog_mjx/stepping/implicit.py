@@ -57,6 +57,7 @@ def step(model: mjx.Model, data: mjx.Data, *, differentiation: str = "implicit")
     """Advances the simulation by one time step: same value as `mjx.step`, differentiable in both modes.
 
     Args:
+      model, data: on MJX's JAX implementation, qpos [nq] and so on; `jax.vmap` takes batches.
       differentiation: "implicit": the gradient is that of the converged solution, or, with fewer `iterations` than
         `tog_mjx.stepping.unrolled.FEW`, that of those iterations. With more, and yet not converged, it is not that of
         the value: a warning says so where the settings tell, and `tog_mjx.converged` mends it. At the kinks of
@@ -68,6 +69,15 @@ def step(model: mjx.Model, data: mjx.Data, *, differentiation: str = "implicit")
     Raises:
       InputError: for a model that is not on MJX's JAX implementation, data of another one, or an unknown
         differentiation.
+
+    Units: the model's, SI where it is: m, rad, kg, s.
+    Gradient: in state, inputs and all floats of the model, forward and reverse, to second order. At a touch-down and a
+      parting it is that of the side on which the step is, and with "saltation" holds the jump on average. A contact or
+      a limit exactly at its surface does not act yet, nor has its derivative. At rest, rotations, springs, servos and
+      tendons have theirs, which is zero in stock MJX. At a kink (stick to slip, friction loss) it is one side's, of a
+      control exactly at the end of its range half the slope, beyond it zero.
+    Source: MuJoCo's documentation, Computation, "Constraint model" and "Primal problem", and the implicit function
+      theorem; the jumps: saltation matrices, Aizerman and Gantmakher 1958, Kong et al. 2024.
     """
     require_choice("differentiation", differentiation, STEPS)
     require_on_mjx(model, data)

@@ -59,6 +59,10 @@ def simulate(
     Raises:
       InputError: for an unknown differentiation, data of another model, batches of two sizes, controls of the wrong
         shape or of one that means two things, or a checkpoint that does not divide the steps.
+
+    Units: the model's; `time` is in s.
+    Gradient: as that of `tog.step`, through all steps and a function that gives controls.
+    Source: as `tog.step`.
     """
     require_choice("differentiation", differentiation, STEPS)
     require_on_mjx(model, data)

@@ -23,14 +23,20 @@ from tog_mjx.running.types import Scalar
 
 
 class Landscape(NamedTuple):
-    """Costs [size, size] over `points` [size * size, 2] of a plane: row i has its i-th second coordinate."""
+    """Costs [size, size] over `points` [size * size, 2] of a plane: row i has its i-th second coordinate.
+
+    Units: of points those of the plane, of costs those of J.
+    """
 
     points: np.ndarray
     costs: np.ndarray
 
 
 class GradientField(NamedTuple):
-    """Gradients of J [N, 2] along the axes of a plane, at its `points` [N, 2]."""
+    """Gradients of J [N, 2] along the axes of a plane, at its `points` [N, 2].
+
+    Units: of points those of the plane, of gradients J's per unit of those.
+    """
 
     points: np.ndarray
     gradients: np.ndarray
@@ -46,7 +52,7 @@ def landscape(
     report: Callable[[int], None] = lambda _: None,
     **options: str,
 ) -> Landscape:
-    """J at `size` x `size` points of a plane, its edges included, in the precision of the engine.
+    """J [size, size] at points of a plane, its edges included, in the precision of the engine.
 
     Args:
       engine, options: as in `tog.objective`.
@@ -56,6 +62,8 @@ def landscape(
 
     Raises:
       InputError: as `tog.objective` and `Plane.of`, and for a size that is no positive number.
+
+    Units: of J, and of the plane's variables.
     """
     problem, size = get_problem(problem), require_whole("size", size, 1)
     plane = plane or problem.plane
@@ -73,7 +81,15 @@ def gradient_field(
     report: Callable[[int], None] = lambda _: None,
     **options: str,
 ) -> GradientField:
-    """The gradient at the centres of `size` x `size` cells of a plane. Else as `landscape`."""
+    """The gradient at the centres of `size` x `size` cells of a plane. Else as `tog.landscape`.
+
+    Raises:
+      InputError: as `tog.landscape`.
+
+    Units: of J per unit of the plane's variables.
+    Gradient: what it returns is that of `tog.objective`, along the axes of the plane.
+    Source: as `tog.objective`.
+    """
     problem, size = get_problem(problem), require_whole("size", size, 1)
     plane = plane or problem.plane
     points = plane.grid(size, centred=True)

@@ -79,6 +79,7 @@ class Verdict:
 
     @property
     def level(self) -> Level:
+        """That of the gravest finding."""
         return max((finding.level for finding in self.findings), default=Level.FINE)
 
     @property
@@ -88,6 +89,7 @@ class Verdict:
 
     @property
     def exit_status(self) -> int:
+        """Of a command that asked: 0, 1 or 3."""
         return EXIT_STATUS[self.level]
 
     @property
@@ -104,6 +106,7 @@ class Verdict:
         return self.word + (f": {printable(reason.sentence)}" if reason else ": no check found a fault")
 
     def as_json(self) -> dict[str, Any]:
+        """As `verdict.schema.json`, beside this file, says; what is not finite is None."""
         return {
             "subject": self.subject,
             "engine": self.engine,
