@@ -13,7 +13,6 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx.checks.step_check import compile_quickly
-from tog_mjx.stepping import _mjx
 from tog_mjx.stepping._mjx import make_data, mended, mjx, put_model
 from tog_mjx.stepping.integration import positions_after
 from tog_mjx.stepping.safe import impedance, rotation_vector
@@ -101,10 +100,11 @@ def test_an_impedance_is_mjxs_and_has_its_derivative(solimp):
     violations = jnp.array([-0.02, -0.004, -3e-4, 3e-4, 7e-4, 0.004, 0.008, 0.02])
     model = put_model(mujoco.MjModel.from_xml_string("<mujoco/>"))
     solref, given = jnp.array([0.02, 1.0]), jnp.array(solimp)
+    kbi = mjx._src.constraint._kbi
     with mended():
-        ours = jax.vmap(lambda r: _mjx._constraint._kbi(model, solref, given, r)[2])(violations)
-    assert _mjx._constraint._kbi is _mjx._stock_stiffness_damping_impedance
-    stock = jax.vmap(lambda r: _mjx._constraint._kbi(model, solref, given, r)[2])
+        ours = jax.vmap(lambda r: mjx._src.constraint._kbi(model, solref, given, r)[2])(violations)
+    assert mjx._src.constraint._kbi is kbi
+    stock = jax.vmap(lambda r: kbi(model, solref, given, r)[2])
     np.testing.assert_array_equal(ours, stock(violations))
     np.testing.assert_allclose(jax.vmap(impedance, (None, 0))(given, violations), ours, rtol=1e-13)
     slopes = jax.vmap(jax.grad(impedance, 1), (None, 0))(given, violations)
@@ -140,9 +140,9 @@ def test_a_cylinders_distance_is_mjxs_and_has_its_derivatives_of_two_orders():
     """Its slope is a contact's normal; stock MJX's is NaN in reverse mode, and does not see the size."""
     at = lambda function: jax.jit(jax.vmap(function))  # noqa: E731
     sizes = jnp.tile(CYLINDER, (len(POINTS), 1))
-    stock, stock_slope = at(_mjx._stock_cylinder), at(_mjx._stock_cylinder_slope)
+    stock, stock_slope = at(mjx._src.collision_sdf._cylinder), at(mjx._src.collision_sdf._cylinder_grad)
     with mended():
-        ours = _mjx._collision_sdf._cylinder
+        ours = mjx._src.collision_sdf._cylinder
         value, slope = at(jax.value_and_grad(ours))(POINTS, sizes)
         by_size = at(jax.grad(ours, 1))(POINTS, sizes)
         both = [at(mode(jax.grad(ours), (0, 1)))(POINTS, sizes) for mode in (jax.jacfwd, jax.jacrev)]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from tog_mjx.checks import step_check
+from tog_mjx.mjcf.pairs import geom_pairs
 from tog_mjx.stepping._mjx import (
     constraint_rows,
     contacts,
-    geom_pairs,
     has_collision_fn,
     make_data,
     mjx,
@@ -82,7 +82,39 @@ def test_the_contacts(both):
         np.testing.assert_allclose(found.frame[i].ravel(), contact.frame, rtol=0, atol=1e-12)
         np.testing.assert_allclose(found.margin[i], contact.includemargin, rtol=1e-12)
         np.testing.assert_allclose(found.friction[i], contact.friction, rtol=1e-12)
-    assert [(int(first), int(second)) for first, second, _ in geom_pairs(model)] == [(0, 1), (0, 2)]
+    assert geom_pairs(model) == [(0, 1, -1), (0, 2, -1)]
+
+
+PAIRS = """
+<mujoco>
+  <option><flag filterparent="{filter}"/></option>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 0.1"/>
+    <geom name="wall" type="plane" size="1 1 0.1" zaxis="1 0 0"/>
+    <body><geom name="post" type="box" size="0.1 0.1 0.1"/>
+      <body name="arm"><joint/><geom name="upper" size="0.1"/><geom name="deaf" size="0.1" contype="0" conaffinity="2"/>
+        <body><geom name="welded" type="capsule" size="0.1 0.1"/>
+          <body name="hand"><joint/><geom name="palm" type="box" size="0.1 0.1 0.1"/></body></body></body></body>
+    <body name="cube"><freejoint/><geom name="cube" type="box" size="0.1 0.1 0.1"/><geom name="tip" size="0.1"/></body>
+    <body name="ghost"><freejoint/><geom name="ghost" size="0.1" contype="0" conaffinity="0"/></body>
+    <body name="bit"><freejoint/><geom name="bit" size="0.1" contype="2" conaffinity="0"/></body>
+  </worldbody>
+  <contact><exclude body1="cube" body2="hand"/>
+    <pair geom1="cube" geom2="upper"/><pair geom1="ghost" geom2="floor"/></contact>
+</mujoco>
+"""
+
+
+@pytest.mark.parametrize("filters", ["enable", "disable"])
+def test_the_pairs_of_geoms_are_those_that_mjx_collides(filters):
+    model = mujoco.MjModel.from_xml_string(PAIRS.format(filter=filters))
+    theirs = mjx._src.collision_driver.geom_pairs(model)
+    assert geom_pairs(model) == [(int(first), int(second), int(pair)) for first, second, pair in theirs]
+    named = [{model.geom(first).name, model.geom(second).name} for first, second, _ in geom_pairs(model)]
+    assert named[:2] == [{"floor", "ghost"}, {"upper", "cube"}]
+    assert named.count({"upper", "cube"}) == 1
+    assert [{"deaf", "bit"} in named, {"post", "upper"} in named, {"cube", "palm"} in named] == [True, True, False]
+    assert ({"welded", "palm"} in named) == (filters == "disable")
 
 
 def test_which_shapes_collide():

@@ -10,10 +10,9 @@ import pytest
 
 import tog_mjx as tog
 from tog_mjx.checks.measured.recorded import Simulation
-from tog_mjx.mjcf.fields import float_fields
 from tog_mjx.mjcf.followers import LEADERS
 from tog_mjx.problems.scene_function import SceneFunction
-from tog_mjx.stepping._mjx import make_data, put_model
+from tog_mjx.stepping._mjx import float_fields, make_data, put_model
 from tog_mjx.stepping.mjx_state import default_start, on_mjx
 
 TREE = """<mujoco>

@@ -4,13 +4,12 @@
 import math
 import operator
 
-import jax
 import mujoco
 import numpy as np
 from jaxtyping import Int
 
 from tog_mjx.running.errors import InputError, near
-from tog_mjx.stepping._mjx import mjx
+from tog_mjx.stepping._mjx import float_fields
 
 
 def attribute(tree: object, path: str):
@@ -71,9 +70,3 @@ def field_of(model: mujoco.MjModel, name: str, others: tuple[str, ...] = ()) -> 
             f"opt.gravity{near(name, [*others, *float_fields()])}"
         )
     return value
-
-
-def float_fields() -> set[str]:
-    """The arrays of `mjx.Model` and of its options."""
-    options = {f"opt.{name}" for name, kind in mjx.Option.__annotations__.items() if kind is jax.Array}
-    return options | {name for name, kind in mjx.Model.__annotations__.items() if kind is jax.Array}

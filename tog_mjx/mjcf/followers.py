@@ -15,9 +15,10 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Int
 
-from tog_mjx.mjcf.fields import attribute, float_fields
+from tog_mjx.mjcf.fields import attribute
 from tog_mjx.running.errors import InputError
 from tog_mjx.running.quiet import without_warnings
+from tog_mjx.stepping._mjx import float_fields
 
 Arrays = dict[str, np.ndarray]
 Origin: TypeAlias = str | Path | mujoco.MjSpec

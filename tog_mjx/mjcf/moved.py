@@ -10,9 +10,10 @@ import mujoco.batch
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from tog_mjx.mjcf.fields import attribute, float_fields
+from tog_mjx.mjcf.fields import attribute
 from tog_mjx.running.errors import InputError
 from tog_mjx.running.types import AnyArray
+from tog_mjx.stepping._mjx import float_fields
 
 Rates = dict[str, Float[np.ndarray, "size n"]]
 """By array, the derivative of all its numbers in those that move it."""
@@ -20,7 +21,6 @@ _OWN = frozenset({"body_subtreemass", "dof_M0", "geom_rbound", "geom_aabb"})
 """What C MuJoCo has at hand of other arrays, to be true of them exactly; MJX computes it as it goes, or does not."""
 _READ, _WRITTEN = (set(getattr(mujoco.MjModel, f"_setconst_{which}")) for which in ("inputs", "outputs"))
 """By `mj_setConst`. MuJoCo tells to read these names, though they are private."""
-_KEPT = sorted(_WRITTEN & float_fields() - _OWN)
 _FRAMES = ("body_ipos", "body_iquat", "jnt_pos", "jnt_axis")
 """What may couple the joints of a body."""
 
@@ -99,7 +99,7 @@ def put(model: mujoco.MjModel, fields: Mapping[str, Any], write: Callable[[str, 
         write(name, value)
     if any(name.startswith("opt.") or name in _READ for name in fields):
         derive()
-        kept = {name: getattr(model, name) for name in _KEPT}
+        kept = {name: getattr(model, name) for name in sorted(_WRITTEN & float_fields() - _OWN)}
         for name, value in {**kept, **fields}.items():
             if name not in _OWN:
                 write(name, value)

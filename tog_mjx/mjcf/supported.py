@@ -12,24 +12,18 @@ import jax
 import mujoco
 import numpy as np
 
+from tog_mjx.mjcf.pairs import geom_pairs
 from tog_mjx.running.errors import InputError
-from tog_mjx.stepping._mjx import geom_pairs, has_collision_fn, make_data, mjx, put_model
+from tog_mjx.stepping._mjx import has_collision_fn, make_data, mjx, put_model
 
-# Elements, the field of the model with their type, what MJX supports of it, and MuJoCo's own enumeration.
+# Elements, the field of the model with their type, the enumeration of what MJX supports of it, and MuJoCo's own.
 _TYPED_ELEMENTS = (
-    ("actuator", "actuator_trntype", mjx.TrnType, mujoco.mjtTrn),
-    ("actuator", "actuator_dyntype", mjx.DynType, mujoco.mjtDyn),
-    ("actuator", "actuator_gaintype", mjx.GainType, mujoco.mjtGain),
-    ("actuator", "actuator_biastype", mjx.BiasType, mujoco.mjtBias),
-    ("equality", "eq_type", mjx.EqType, mujoco.mjtEq),
-    ("sensor", "sensor_type", mjx.SensorType, mujoco.mjtSensor),
-)
-_INTEGRATORS = (mjx.IntegratorType.EULER, mjx.IntegratorType.RK4, mjx.IntegratorType.IMPLICITFAST)
-"""`mjx.put_model` takes `discrete` too, but `mjx.step` does not."""
-_OPTIONS = (
-    ("integrator", _INTEGRATORS, mujoco.mjtIntegrator),
-    ("cone", mjx.ConeType, mujoco.mjtCone),
-    ("solver", mjx.SolverType, mujoco.mjtSolver),
+    ("actuator", "actuator_trntype", "TrnType", mujoco.mjtTrn),
+    ("actuator", "actuator_dyntype", "DynType", mujoco.mjtDyn),
+    ("actuator", "actuator_gaintype", "GainType", mujoco.mjtGain),
+    ("actuator", "actuator_biastype", "BiasType", mujoco.mjtBias),
+    ("equality", "eq_type", "EqType", mujoco.mjtEq),
+    ("sensor", "sensor_type", "SensorType", mujoco.mjtSensor),
 )
 _MARGINLESS = (mujoco.mjtGeom.mjGEOM_MESH, mujoco.mjtGeom.mjGEOM_HFIELD)
 _IGNORED = (
@@ -124,9 +118,8 @@ def has_fluid(model: mujoco.MjModel) -> bool:
 
 def candidates(model: mujoco.MjModel) -> list[tuple[int, int, int]]:
     """The geoms that MJX collides, ordered by their types, and the number of their <pair>, -1 without one."""
-    if model.opt.disableflags & (mjx.DisableBit.CONTACT | mjx.DisableBit.CONSTRAINT):
-        return []
-    return [(int(first), int(second), int(pair)) for first, second, pair in geom_pairs(model)]
+    off = mujoco.mjtDisableBit
+    return [] if model.opt.disableflags & (off.mjDSBL_CONTACT | off.mjDSBL_CONSTRAINT) else geom_pairs(model)
 
 
 def has_constraints(model: mujoco.MjModel) -> bool:
@@ -144,7 +137,14 @@ def _label(enumeration, value) -> str:
 
 
 def _options(model: mujoco.MjModel) -> Iterator[Culprit]:
-    for name, supported, enumeration in _OPTIONS:
+    # `mjx.put_model` takes the integrator discrete too, but `mjx.step` does not.
+    integrators = (mjx.IntegratorType.EULER, mjx.IntegratorType.RK4, mjx.IntegratorType.IMPLICITFAST)
+    options = (
+        ("integrator", integrators, mujoco.mjtIntegrator),
+        ("cone", mjx.ConeType, mujoco.mjtCone),
+        ("solver", mjx.SolverType, mujoco.mjtSolver),
+    )
+    for name, supported, enumeration in options:
         value = int(getattr(model.opt, name))
         if value not in set(supported):
             yield Culprit(f"<option {name}={_label(enumeration, value)!r}>", attribute=name)
@@ -162,13 +162,13 @@ def _options(model: mujoco.MjModel) -> Iterator[Culprit]:
 
 def _has_other_rows(model: mujoco.MjModel) -> bool:
     """Whether there are constraints other than contacts, which are computed beside them."""
-    off = mjx.DisableBit
+    off = mujoco.mjtDisableBit
     rows = (
-        (off.EQUALITY, model.neq),
-        (off.FRICTIONLOSS, (model.dof_frictionloss > 0).any() or (model.tendon_frictionloss > 0).any()),
-        (off.LIMIT, model.jnt_limited.any() or model.tendon_limited.any()),
+        (off.mjDSBL_EQUALITY, model.neq),
+        (off.mjDSBL_FRICTIONLOSS, (model.dof_frictionloss > 0).any() or (model.tendon_frictionloss > 0).any()),
+        (off.mjDSBL_LIMIT, model.jnt_limited.any() or model.tendon_limited.any()),
     )
-    if model.opt.disableflags & off.CONSTRAINT:
+    if model.opt.disableflags & off.mjDSBL_CONSTRAINT:
         return False
     return any(bool(given) and not model.opt.disableflags & flag for flag, given in rows)
 
@@ -176,7 +176,7 @@ def _has_other_rows(model: mujoco.MjModel) -> bool:
 def _elements(model: mujoco.MjModel) -> Iterator[Culprit]:
     for kind, field, supported, enumeration in _TYPED_ELEMENTS:
         for i, value in enumerate(getattr(model, field)):
-            if value not in set(supported):
+            if value not in set(getattr(mjx, supported)):
                 described = f"{field.split('_')[1]} {_label(enumeration, value)}"
                 yield Culprit(f"{kind} {name_of(model, kind, i)} ({described})", ((kind, i),))
     for i in range(model.nflex):
@@ -232,9 +232,9 @@ def _collisions(model: mujoco.MjModel) -> Iterator[Culprit]:
     """Pairs of geoms that MJX does not collide, or not so: each kind of them once, with the geoms of the first."""
     found: dict[tuple[str, str, str], list[tuple[int, int]]] = {}
     for first, second, pair in geom_pairs(model):
-        if what := _refused(model, int(first), int(second), int(pair)):
+        if what := _refused(model, first, second, pair):
             key = what, type_of(model, first), type_of(model, second)
-            found.setdefault(key, []).append((int(first), int(second)))
+            found.setdefault(key, []).append((first, second))
     for (what, *types), pairs in found.items():
         names = [f"geom {name_of(model, 'geom', geom)} ({kind})" for geom, kind in zip(pairs[0], types, strict=True)]
         more = f" and {len(pairs) - 1} more such pairs" if len(pairs) > 1 else ""

@@ -1,7 +1,7 @@
 """Many starts: a problem's cost is then their mean."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import jax
 from jaxtyping import Array, Key
@@ -9,7 +9,6 @@ from jaxtyping import Array, Key
 from tog_mjx.mjcf.moved import MovedModel
 from tog_mjx.problems.wrt import Model
 from tog_mjx.running.errors import InputError, near, require_kind, require_whole
-from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.mjx_state import START
 
 
@@ -60,5 +59,5 @@ def _shapes(model: Model) -> dict[str, tuple[int, ...]]:
     """Of the fields that may be drawn."""
     if isinstance(model, MovedModel):
         return model.shapes
-    found = {name: getattr(model, name, None) for name in mjx.Model.__annotations__}
+    found = {field.name: getattr(model, field.name) for field in fields(model)}
     return {name: value.shape for name, value in found.items() if isinstance(value, jax.Array)}

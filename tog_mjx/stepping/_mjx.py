@@ -1,8 +1,9 @@
-"""MJX, imported quietly, and everything in it that this package uses though MJX keeps it private.
+"""MJX, imported late and quietly, and everything in it that this package uses though MJX keeps it private.
 
-MJX prints to standard output on import (that the optional Warp is not installed); a program's standard output is its
-own. What is private another version may rename or redefine: so only this file touches it, and `check_version` says
-which versions are let in. `tests/test_mjx_private.py` holds every one of these names against C MuJoCo.
+It is imported where it is first used: that takes a third of a second, and what C MuJoCo moves does without it. MJX
+prints to standard output on import (that the optional Warp is not installed); a program's standard output is its own.
+What is private another version may rename or redefine: so only this file touches it, and `check_version` says which
+versions are let in. `tests/test_mjx_private.py` holds every one of these names against C MuJoCo.
 """
 
 import contextlib
@@ -10,10 +11,11 @@ import functools
 import importlib.metadata
 import importlib.util
 import io
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from types import ModuleType, SimpleNamespace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -46,16 +48,46 @@ def check_version(version: str) -> None:
 
 
 check_version(importlib.metadata.version("mujoco-mjx"))
-with contextlib.redirect_stdout(io.StringIO()):
+
+
+class _Named(type):
+    """A class of MJX's, by its name: before MJX is imported nothing is of it."""
+
+    def __instancecheck__(cls, thing: object) -> bool:
+        return isinstance(thing, getattr(sys.modules.get("mujoco.mjx"), cls.__name__, ()))
+
+
+class _Lazy(ModuleType):
+    """`mujoco.mjx`, imported with the first name that is asked of it, but for those of the classes that signatures
+    name."""
+
+    Model, Data = _Named("Model", (), {}), _Named("Data", (), {})
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(_imported(), name)
+
+
+@functools.cache
+def _imported() -> ModuleType:
+    with contextlib.redirect_stdout(io.StringIO()):
+        return importlib.import_module("mujoco.mjx")
+
+
+if TYPE_CHECKING:
     from mujoco import mjx as mjx
-    from mujoco.mjx._src import collision_sdf as _collision_sdf
-    from mujoco.mjx._src import constraint as _constraint
-    from mujoco.mjx._src import math as _math
-    from mujoco.mjx._src import ray as _ray
-    from mujoco.mjx._src import solver as _solver
-    from mujoco.mjx._src import support as _support
-    from mujoco.mjx._src.collision_driver import geom_pairs as geom_pairs
-    from mujoco.mjx._src.collision_driver import has_collision_fn as has_collision_fn
+else:
+    mjx = _Lazy("mujoco.mjx")
+
+
+def float_fields() -> set[str]:
+    """The arrays of `mjx.Model` and of its options, by name."""
+    options = {f"opt.{name}" for name, kind in mjx.Option.__annotations__.items() if kind is jax.Array}
+    return options | {name for name, kind in _imported().Model.__annotations__.items() if kind is jax.Array}
+
+
+def has_collision_fn(first: int | mujoco.mjtGeom, second: int | mujoco.mjtGeom) -> bool:
+    """Whether MJX collides geoms of two types, the smaller one first."""
+    return mjx._src.collision_driver.has_collision_fn(first, second)
 
 
 def put_model(model: mujoco.MjModel) -> mjx.Model:
@@ -122,15 +154,15 @@ def tendon_jacobian(data: mjx.Data) -> Float[Array, "ntendon nv"]:
     return data._impl.ten_J
 
 
-def _axis_angle(quaternion: Float[Array, "4"]) -> tuple[Array, Array]:
+def _axis_angle(stock: Callable, quaternion: Float[Array, "4"]) -> tuple[Array, Array]:
     # MJX multiplies both wherever it asks for them; where nothing turns, neither alone has the product's derivative.
-    axis, angle = _stock_axis_angle(quaternion)
+    axis, angle = stock(quaternion)
     return with_derivative_of(axis * angle, rotation_vector(quaternion)), jnp.ones_like(angle)
 
 
-def _stiffness_damping_impedance(model: mjx.Model, solref: Array, solimp: Array, violation: Array) -> tuple:
-    stiffness, damping, stock = _stock_stiffness_damping_impedance(model, solref, solimp, violation)
-    return stiffness, damping, with_derivative_of(stock, impedance(solimp, violation))
+def _constraint(stock: Callable, model: mjx.Model, solref: Array, solimp: Array, violation: Array) -> tuple:
+    stiffness, damping, value = stock(model, solref, solimp, violation)
+    return stiffness, damping, with_derivative_of(value, impedance(solimp, violation))
 
 
 def _outward(position: Float[Array, "3"], size: Float[Array, "3"]) -> tuple[Array, Array]:
@@ -148,20 +180,20 @@ def _outward(position: Float[Array, "3"], size: Float[Array, "3"]) -> tuple[Arra
     return jnp.append(radial, jnp.sign(position[2])) * share[np.array([0, 0, 1])], share
 
 
-def _cylinder(position: Float[Array, "3"], size: Float[Array, "3"]) -> Float[Array, ""]:
+def _cylinder(stock: Callable, position: Float[Array, "3"], size: Float[Array, "3"]) -> Float[Array, ""]:
     # MJX's own rule leaves the size out.
     share = jax.lax.stop_gradient(_outward(position, size)[1])
-    return _stock_cylinder(position, size) - share @ (size[:2] - jax.lax.stop_gradient(size[:2]))
+    return stock(position, size) - share @ (size[:2] - jax.lax.stop_gradient(size[:2]))
 
 
-def _cylinder_slope(position: Float[Array, "3"], size: Float[Array, "3"]) -> Float[Array, "3"]:
-    return with_derivative_of(_stock_cylinder_slope(position, size), _outward(position, size)[0])
+def _cylinder_slope(stock: Callable, position: Float[Array, "3"], size: Float[Array, "3"]) -> Float[Array, "3"]:
+    return with_derivative_of(stock(position, size), _outward(position, size)[0])
 
 
-def _timescale(dctrl: Array, activation: Array, deactivation: Array, width: Array) -> Array:
+def _timescale(stock: Callable, dctrl: Array, activation: Array, deactivation: Array, width: Array) -> Array:
     # Without a width MJX divides by 1e-15, raises that to the fifth power, and does not select it.
     is_hard = width < mujoco.mjMINVAL
-    smooth = _stock_timescale(dctrl, activation, deactivation, jnp.where(is_hard, 1.0, width))
+    smooth = stock(dctrl, activation, deactivation, jnp.where(is_hard, 1.0, width))
     return jnp.where(is_hard, jnp.where(dctrl > 0, activation, deactivation), smooth)
 
 
@@ -174,25 +206,28 @@ class _Regular:
         return getattr(jnp, name)
 
 
-_regular = _Regular()
-_stock_axis_angle, _stock_stiffness_damping_impedance = _math.quat_to_axis_angle, _constraint._kbi
-_stock_cylinder, _stock_cylinder_slope = _collision_sdf._cylinder, _collision_sdf._cylinder_grad
-_stock_timescale = _support.muscle_dynamics_timescale
-_MENDED = (
-    (_math, "quat_to_axis_angle", _axis_angle),
-    (_constraint, "_kbi", _stiffness_damping_impedance),
-    (_collision_sdf, "_cylinder", _cylinder),
-    (_collision_sdf, "_cylinder_grad", _cylinder_slope),
-    (_support, "muscle_dynamics_timescale", _timescale),
-    *((module, "jp", _regular) for module in (_ray, _support)),
-)
-_STOCK = tuple((module, name, getattr(module, name)) for module, name, _ in _MENDED)
 _lock, _inside = threading.Lock(), 0
 
 
-def _put(functions: tuple) -> None:
-    for module, name, function in functions:
-        setattr(module, name, function)
+@functools.cache
+def _mends() -> tuple[tuple[ModuleType, str, Any, Any], ...]:
+    """What is mended: a module of MJX's, a name in it, what stands there, and what takes its place."""
+    private = mjx._src
+    functions = (
+        (private.math, "quat_to_axis_angle", _axis_angle),
+        (private.constraint, "_kbi", _constraint),
+        (private.collision_sdf, "_cylinder", _cylinder),
+        (private.collision_sdf, "_cylinder_grad", _cylinder_slope),
+        (private.support, "muscle_dynamics_timescale", _timescale),
+    )
+    of_stock = ((module, name, getattr(module, name), mend) for module, name, mend in functions)
+    found = [(module, name, stock, functools.partial(mend, stock)) for module, name, stock, mend in of_stock]
+    return (*found, *((module, "jp", jnp, _Regular()) for module in (private.ray, private.support)))
+
+
+def _put(are_mended: bool) -> None:
+    for module, name, stock, mend in _mends():
+        setattr(module, name, mend if are_mended else stock)
 
 
 @contextlib.contextmanager
@@ -206,14 +241,14 @@ def mended() -> Iterator[None]:
     global _inside
     with _lock:
         _inside += 1
-        _put(_MENDED)
+        _put(are_mended=True)
     try:
         yield
     finally:
         with _lock:
             _inside -= 1
             if not _inside:
-                _put(_STOCK)
+                _put(are_mended=False)
 
 
 def with_forces_of(model: mjx.Model, array: str) -> mjx.Model:
@@ -237,14 +272,15 @@ def unrolled_solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
 def _unrolled_solver(iterations: int) -> ModuleType:
     """A second copy of MJX's module, that of others is left alone: its loop is a scan, in which iterations after the
     last do nothing, and the root of a sliding speed has a derivative at zero, where an open contact is."""
-    spec = importlib.util.find_spec(_solver.__name__)
+    stock = mjx._src.solver
+    spec = importlib.util.find_spec(stock.__name__)
     assert spec is not None
     assert spec.loader is not None
     copy = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(copy)
 
     def loop(condition, body, start):
-        return _solver._while_loop_scan(condition, body, start, iterations)
+        return stock._while_loop_scan(condition, body, start, iterations)
 
     copy.jax = _with(jax, lax=_with(jax.lax, while_loop=loop))  # type: ignore[attr-defined]
     copy.jp = _with(jnp, sqrt=sqrt)  # type: ignore[attr-defined]

@@ -144,13 +144,13 @@ def _checkpointed(forward: Callable[[mjx.Model, mjx.Data], mjx.Data]) -> Step:
 FORWARDS: dict[str, Step] = {
     "implicit": forward,
     "saltation": functools.partial(forward, saltation=True),
-    "native": mjx.forward,
+    "native": lambda model, data: mjx.forward(model, data),
 }
 """The accelerations and forces of a state, without integration, by how they are differentiated: see `step`."""
 STEPS: dict[str, Step] = {
     "implicit": _checkpointed(FORWARDS["implicit"]),
     "saltation": _checkpointed(FORWARDS["saltation"]),
-    "native": mjx.step,
+    "native": lambda model, data: mjx.step(model, data),
 }
 """How a step is differentiated, by name: see `step`."""
 

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import mujoco
 import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
@@ -19,7 +20,7 @@ from jaxtyping import Array
 from tog_mjx.stepping._mjx import constraint_rows, mjx, unrolled_solve
 from tog_mjx.stepping.safe import Tree
 
-FEW = {mjx.SolverType.NEWTON: 10, mjx.SolverType.CG: 20}
+FEW = {int(mujoco.mjtSolver.mjSOL_NEWTON): 10, int(mujoco.mjtSolver.mjSOL_CG): 20}
 """Solvers of fewer iterations are unrolled. Newton's method takes two or three where its start is good, conjugate
 gradients some ten, and more where contacts come and go."""
 SHORT_SEARCH, LOOSE = 5, 1e-6

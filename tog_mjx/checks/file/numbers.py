@@ -12,8 +12,9 @@ from tog_mjx.checks.told.finding import Level
 from tog_mjx.mjcf.parameter import ALONE
 from tog_mjx.mjcf.supported import Culprit, candidates, geoms_named, name_of
 from tog_mjx.mjcf.unused import frictions
-from tog_mjx.stepping._mjx import FLUID, mjx
+from tog_mjx.stepping._mjx import FLUID
 
+_OFF = mujoco.mjtDisableBit
 _EXACTLY = 1e-9
 """Distances, in m or rad, that are zero: those of poses given in decimals, after rounding. A kink farther away is met
 by steps of a descent, but not by the derivative."""
@@ -42,11 +43,11 @@ def _laws(model: mujoco.MjModel) -> Iterator[_Law]:
         solref = model.pair_solref[pair] if pair >= 0 else _mixed_solref(model, first, second)
         yield _Law(name, (("pair", pair),) if pair >= 0 else geoms, tuple(solref))
     for kind, flag, fields in (
-        ("joint", mjx.DisableBit.LIMIT, (model.jnt_limited, model.jnt_solref)),
-        ("tendon", mjx.DisableBit.LIMIT, (model.tendon_limited, model.tendon_solref_lim)),
-        ("equality", mjx.DisableBit.EQUALITY, (np.ones(model.neq), model.eq_solref)),
+        ("joint", _OFF.mjDSBL_LIMIT, (model.jnt_limited, model.jnt_solref)),
+        ("tendon", _OFF.mjDSBL_LIMIT, (model.tendon_limited, model.tendon_solref_lim)),
+        ("equality", _OFF.mjDSBL_EQUALITY, (np.ones(model.neq), model.eq_solref)),
     ):
-        for i in [] if off & (flag | mjx.DisableBit.CONSTRAINT) else np.flatnonzero(fields[0]).tolist():
+        for i in [] if off & (flag | _OFF.mjDSBL_CONSTRAINT) else np.flatnonzero(fields[0]).tolist():
             yield _Law(f"{kind} {name_of(model, kind, i)}", ((kind, i),), tuple(fields[1][i]))
 
 
@@ -64,7 +65,7 @@ def _mixed_solref(model: mujoco.MjModel, first: int, second: int) -> np.ndarray:
 def stiff_constraints(question: Question) -> Iterator[Spoiler]:
     """Constraints faster than the time step can follow, and those that MuJoCo slows down in silence: each law once."""
     dt = question.model.opt.timestep
-    is_safe = not question.model.opt.disableflags & mjx.DisableBit.REFSAFE
+    is_safe = not question.model.opt.disableflags & _OFF.mjDSBL_REFSAFE
     found: dict[tuple[float, float], list[_Law]] = {}
     for law in _laws(question.model):
         found.setdefault(law.solref, []).append(law)
@@ -116,7 +117,7 @@ def saturated_actuators(question: Question) -> Iterator[Spoiler]:
     """Controls and forces at or beyond their limits in this state."""
     model, data = question.model, question.data
     asked = question.chosen if question.array == "ctrl" else np.full(model.nu, not question.array)
-    clamps = asked & (model.actuator_ctrllimited != 0) & (not model.opt.disableflags & mjx.DisableBit.CLAMPCTRL)
+    clamps = asked & (model.actuator_ctrllimited != 0) & (not model.opt.disableflags & _OFF.mjDSBL_CLAMPCTRL)
     for what, limited, limits, values in (
         ("control", clamps, model.actuator_ctrlrange, data.ctrl),
         ("force", model.actuator_forcelimited, model.actuator_forcerange, data.actuator_force),
@@ -170,7 +171,7 @@ def limits_met(question: Question) -> Iterator[Spoiler]:
 
 
 def _at_limits(model: mujoco.MjModel, data: mujoco.MjData) -> set[int]:
-    if model.opt.disableflags & (mjx.DisableBit.LIMIT | mjx.DisableBit.CONSTRAINT):
+    if model.opt.disableflags & (_OFF.mjDSBL_LIMIT | _OFF.mjDSBL_CONSTRAINT):
         return set()
     joints = np.flatnonzero((model.jnt_limited != 0) & (model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)))
     low, high = model.jnt_range[joints].T
@@ -218,7 +219,7 @@ def absent(question: Question) -> Iterator[Spoiler]:
 def without_fluid(question: Question) -> Iterator[Spoiler]:
     """Parameters of forces that MJX lacks."""
     model, array = question.model, question.array
-    if array in FLUID and model.opt.integrator == mjx.IntegratorType.IMPLICITFAST:
+    if array in FLUID and model.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST:
         what = f"{array}: with the integrator implicitfast MJX has no fluid, so its derivative is zero"
         yield Spoiler(Culprit(what), "set integrator='Euler'")
 

@@ -13,7 +13,6 @@ from jaxtyping import Bool
 from tog_mjx.checks.told.finding import Level
 from tog_mjx.mjcf.parameter import Parameter
 from tog_mjx.mjcf.supported import Culprit, candidates, geoms_named, has_constraints, has_fluid, name_of, type_of
-from tog_mjx.stepping._mjx import mjx
 from tog_mjx.stepping.unrolled import LOOSE, SHORT_SEARCH
 
 
@@ -115,7 +114,7 @@ def native(question: Question) -> Iterator[Spoiler]:
     if question.differentiation != "native":
         return
     remedy = "differentiate tog.step"
-    if model.opt.cone == mjx.ConeType.ELLIPTIC and candidates(model):
+    if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC and candidates(model):
         what = "<option cone='elliptic'>: the derivative of stock mjx.step is NaN as soon as a contact is open"
         yield Spoiler(Culprit(what, attribute="cone"), remedy, Level.FAULT)
     for i in np.flatnonzero(model.jnt_type < int(mujoco.mjtJoint.mjJNT_SLIDE)).tolist():
@@ -147,11 +146,12 @@ def solver(question: Question) -> Iterator[Spoiler]:
 
 def passive_flags(question: Question) -> Iterator[Spoiler]:
     """With either flag MJX leaves out springs, dampers, gravity compensation and fluid forces all together."""
-    model, off = question.model, mjx.DisableBit
+    model, off = question.model, mujoco.mjtDisableBit
     has_damping = model.dof_damping.any() or model.tendon_damping.any()
     has_others = model.body_gravcomp.any() or has_fluid(model)
     has_springs = model.jnt_stiffness.any() or model.tendon_stiffness.any()
-    for flag, name, is_other in ((off.SPRING, "spring", has_damping), (off.DAMPER, "damper", has_springs)):
+    flags = (off.mjDSBL_SPRING, "spring", has_damping), (off.mjDSBL_DAMPER, "damper", has_springs)
+    for flag, name, is_other in flags:
         if model.opt.disableflags & flag and (is_other or has_others):
             what = f"<flag {name}='disable'>: MJX leaves out all passive forces then, damping and springs alike"
             remedy = f"set the scene's {'stiffness' if name == 'spring' else 'damping'} to zero instead"
@@ -161,7 +161,7 @@ def passive_flags(question: Question) -> Iterator[Spoiler]:
 def differences_from_c(question: Question) -> Iterator[Spoiler]:
     """Small ones, and those that come with time."""
     model = question.model
-    if model.opt.enableflags & mjx.EnableBit.SLEEP:
+    if model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP:
         yield Spoiler(Culprit("<flag sleep='enable'>: on MJX no body sleeps", attribute="sleep"), "disable it")
     for i in np.flatnonzero(model.actuator_actearly).tolist():
         yield of_one(model, "actuator", i, "actearly of {}: MJX applies the activation one step later", "leave it out")
@@ -175,7 +175,7 @@ def differences_from_c(question: Question) -> Iterator[Spoiler]:
 def upright_capsules(question: Question) -> Iterator[Spoiler]:
     """On the pyramidal cone friction depends on the axes of the contact, which C MuJoCo chooses otherwise."""
     model, data = question.model, question.data
-    if model.opt.cone != mjx.ConeType.PYRAMIDAL:
+    if model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL:
         return
     touching = sorted({tuple(contact.geom.tolist()) for contact in data.contact if contact.dim > 1})
     for plane, geom in touching:
@@ -230,7 +230,7 @@ def clamped_tendons(question: Question) -> Iterator[Spoiler]:
 def drifting_equalities(question: Question) -> Iterator[Spoiler]:
     """Joints made of equalities, in rotation."""
     model = question.model
-    if model.opt.disableflags & (mjx.DisableBit.EQUALITY | mjx.DisableBit.CONSTRAINT):
+    if model.opt.disableflags & (mujoco.mjtDisableBit.mjDSBL_EQUALITY | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT):
         return
     for kind, name in ((mujoco.mjtEq.mjEQ_CONNECT, "connect"), (mujoco.mjtEq.mjEQ_WELD, "weld")):
         for i in np.flatnonzero(model.eq_type == kind).tolist():

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tog_mjx.engines.c_mujoco.forward import STATE, Forward
-from tog_mjx.stepping._mjx import geom_pairs
+from tog_mjx.mjcf.pairs import geom_pairs
 
 _LOOKS = 20
 """States in which the distances of what does not touch are measured."""
@@ -62,9 +62,9 @@ def _watched(model: mujoco.MjModel) -> list[tuple[int, int, float]]:
         return []
     found = []
     for first, second, pair in geom_pairs(model):
-        geoms = int(first), int(second)
-        margin = model.pair_margin[pair] if pair >= 0 else model.geom_margin[[*geoms]].sum()
-        if not np.isin(model.geom_type[[*geoms]], _PLACED).any():
+        geoms = [first, second]
+        margin = model.pair_margin[pair] if pair >= 0 else model.geom_margin[geoms].sum()
+        if not np.isin(model.geom_type[geoms], _PLACED).any():
             found.append((min(geoms), max(geoms), float(margin)))
     return found
 
