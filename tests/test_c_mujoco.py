@@ -2,6 +2,7 @@
 closed forms and differences of whole motions."""
 
 import dataclasses
+import re
 
 import jax
 import jax.numpy as jnp
@@ -37,6 +38,17 @@ def test_a_motion_is_that_of_a_loop_over_mj_step(bodies, x):
     running = np.mean([qvel @ qvel + ctrl @ ctrl * time for _, qvel, ctrl, time in states[:-1]])
     last = ((data.qpos - 0.3) ** 2).sum() + data.qvel @ np.arange(len(data.qvel)) + data.act.sum()
     np.testing.assert_allclose(tog.objective(bodies, "mujoco")(x), last + running, rtol=1e-12)
+
+
+def test_what_a_first_gradient_compiles_is_the_cost_and_its_transpose(caplog):
+    """No key where no start is drawn, and no mean apart: each small function takes as long as many steps."""
+    J = tog.objective(floor(steps=2), "mujoco")
+    x = jnp.asarray(J.problem.x0)
+    with jax.log_compiles():
+        jax.grad(J)(x)
+    compiled = re.findall(r"^Compiling jit\((\w+)\)", "\n".join(caplog.messages), re.MULTILINE)
+    assert compiled.count("_mean") == 2
+    assert set(compiled) <= {"_mean", "convert_element_type"}
 
 
 def test_gradients_are_the_slopes_of_whole_motions_whatever_turns(bodies, x):

@@ -84,7 +84,7 @@ def _refusal(problem: Problem, engine: str, options: dict[str, Any]) -> str:
 
 
 def _cost(problem: Problem, options: tuple) -> Callable[[Array], Scalar]:
-    return lambda x: program(problem, "mujoco", options).costs(x, jax.random.key(0), None).mean()
+    return lambda x: program(problem, "mujoco", options).mean(x, None)
 
 
 def _seconds_of_c(problem: Problem, options: tuple) -> float:

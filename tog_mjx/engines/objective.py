@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import jax
 from jaxtyping import Array, Float, Key
 
 from tog_mjx.engines.choice import resolved
@@ -38,7 +37,7 @@ class Objective:
 
     def __call__(self, x: Numbers, key: Key[Array, ""] | None = None) -> Scalar:
         """J at x [n]; raises InputError for an x of another shape or not finite, and a cost that fails."""
-        return self.each(x, jax.random.key(0) if key is None else key).mean()
+        return self._program.mean(self.problem.check(x), key)
 
     def each(self, x: Numbers, key: Key[Array, ""], count: int | None = None) -> Float[Array, " count"]:
         """The cost of each start that the key draws, so many of them or the problem's own number; of a problem with one

@@ -44,6 +44,7 @@ class Program:
         self.problem, self.engine, self._checkpoint = problem, engine, checkpoint
         self.origin = {name: getattr(engine.origin, name) for name in START}
         self.costs = jax.jit(self._costs, static_argnums=2)
+        self.mean = jax.jit(self._mean)
         self.motion = jax.jit(self._motions)
 
     def cost(self, x: Array, model: Any, start: dict[str, Array]) -> Scalar:
@@ -70,8 +71,12 @@ class Program:
         total = jnp.zeros(()) if running is None else running.mean()
         return total + number("cost", self.problem.cost, last) if self.problem.cost else total
 
-    def _costs(self, x: Array, key: Key[Array, ""], count: int | None) -> Float[Array, " count"]:
+    def _costs(self, x: Array, key: Key[Array, ""] | None, count: int | None) -> Float[Array, " count"]:
+        key = jax.random.key(0) if key is None else key  # Made in here it is compiled only where it draws starts.
         return self._from_starts(functools.partial(self.cost, x), key, count)
+
+    def _mean(self, x: Array, key: Key[Array, ""] | None) -> Scalar:
+        return self._costs(x, key, None).mean()
 
     def _motions(self, x: Array, key: Key[Array, ""] | None) -> Motion:
         def move(model: Any, start: dict[str, Array]) -> Motion:
@@ -108,4 +113,4 @@ def _program(problem: Problem, engine: str, options: tuple, checkpoint: int | No
 
 def program(problem: Problem, engine: str, options: tuple = (), checkpoint: int | None = None) -> Program:
     """Equal calls share one, in each precision."""
-    return _program(problem, engine, options, checkpoint, str(jnp.zeros(0).dtype))
+    return _program(problem, engine, options, checkpoint, str(jnp.result_type(float)))

@@ -33,7 +33,7 @@ def call(
     """What a function of float64 arrays with a leading axis returns, [count, *shape] each: here of one member, and
     under `vmap` of all at once. `identity` [words] stands in the program's text, which knows nothing of the function,
     so that a digest of the text is one of all that the values depend on."""
-    own, dtype = [some.ndim for some in given], jnp.zeros(0).dtype
+    own, dtype = [some.ndim for some in given], jnp.result_type(float)
     count = dtype.itemsize // np.dtype(_WORD).itemsize
 
     def host(_: Any, *words: Any) -> tuple[np.ndarray, ...]:
