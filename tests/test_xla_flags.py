@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jaxlib.version
 import pytest
 
 from tog_mjx.running import xla_flags
@@ -53,6 +54,19 @@ def test_settings_that_jaxlib_does_not_know_are_left_out(monkeypatch):
     # JAX itself takes what is left.
     program = "import jax; assert jax.numpy.arange(3).sum() == 3"
     subprocess.run([sys.executable, "-c", program], check=True, env=os.environ | {"JAX_PLATFORMS": "cpu"})
+
+
+def test_a_jaxlib_that_is_known_to_take_them_is_not_asked(monkeypatch):
+    asked = xla_flags._complaint.__wrapped__
+    with monkeypatch.context() as patch:
+        patch.setattr(xla_flags, "_TAKEN_BY", ())
+        takes_them = asked(xla_flags._OURS) == ""
+    assert takes_them or jaxlib.version.__version__ not in xla_flags._TAKEN_BY
+    monkeypatch.setattr(xla_flags, "_TAKEN_BY", (jaxlib.version.__version__,))
+    monkeypatch.setattr(xla_flags, "subprocess", None)
+    assert asked(xla_flags._OURS) == ""
+    with pytest.raises(AttributeError):  # Of any other flags it is.
+        asked(xla_flags._OURS + " --xla_dump_hlo_as_dot=false")
 
 
 def test_what_somebody_chose_stays(monkeypatch, tmp_path):
