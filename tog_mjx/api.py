@@ -2,6 +2,7 @@
 
 from tog_mjx.checks.function_verdict import check as check
 from tog_mjx.checks.scene_verdict import check_scene as check_scene
+from tog_mjx.drawing.viewing.film import film as film
 from tog_mjx.engines import Motion as Motion
 from tog_mjx.engines import make_simulator as make_simulator
 from tog_mjx.engines import objective as objective

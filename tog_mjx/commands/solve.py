@@ -6,7 +6,6 @@ index.html. A landscape that was killed goes on where it was.
 
 import argparse
 import contextlib
-import copy
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,7 +34,7 @@ from tog_mjx.studies.landscape import gradient_field, landscape
 
 ARROWS = 10
 """Gradients of the landscape, along each axis."""
-FPS, SECONDS, PIXELS = 25.0, 2.0, (640, 360)
+PIXELS = (640, 360)
 """Of the GIF, which is slowed down where the motion is shorter."""
 TOLD = 8
 """Variables on the screen; the page has all, to `MOST`."""
@@ -219,16 +218,9 @@ def landscape_picture(
     return Picture(out / "landscape.png", "Landscape", caption)
 
 
-def motion_picture(problem: Problem, x: np.ndarray, engine: str, out: Path) -> Picture:
-    """The motion as a GIF, slowed down where it is short."""
-    model, motion = copy.copy(problem.scene.model), viewing.motion_of(problem, x, engine)
-    duration = float(motion.time[-1])
-    speed = min(1.0, duration / SECONDS)
-    times = viewing.frame_times(duration, FPS, speed)
-    frames = viewing.render(model, viewing.start(model), motion.at(times), PIXELS)
-    viewing.write_gif(out / "motion.gif", frames.images, FPS)
-    pace = "as fast as it is" if speed == 1 else f"{1 / speed:.2g} times slower than it is"
-    return Picture(out / "motion.gif", "Motion", f"{duration:.3g} s under the best variables, {pace}; {frames.method}.")
+def motion_picture(problem: tog.Problem, x: np.ndarray, engine: str, out: Path) -> Picture:
+    how = viewing.film(problem, x, out / "motion.gif", engine=engine, size=PIXELS)
+    return Picture(out / "motion.gif", "Motion", f"Under the best variables, {how}.")
 
 
 def table_of(problem: Problem, x: np.ndarray) -> Table:

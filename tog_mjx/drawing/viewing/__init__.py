@@ -4,6 +4,7 @@ from tog_mjx.drawing.viewing.animation import check_video as check_video
 from tog_mjx.drawing.viewing.animation import write_gif as write_gif
 from tog_mjx.drawing.viewing.animation import write_mp4 as write_mp4
 from tog_mjx.drawing.viewing.browser import show_in_browser as show_in_browser
+from tog_mjx.drawing.viewing.film import film as film
 from tog_mjx.drawing.viewing.playback import Live as Live
 from tog_mjx.drawing.viewing.playback import Loop as Loop
 from tog_mjx.drawing.viewing.rendering import Frames as Frames
