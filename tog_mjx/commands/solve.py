@@ -218,7 +218,7 @@ def landscape_picture(
     return Picture(out / "landscape.png", "Landscape", caption)
 
 
-def motion_picture(problem: tog.Problem, x: np.ndarray, engine: str, out: Path) -> Picture:
+def motion_picture(problem: Problem, x: np.ndarray, engine: str, out: Path) -> Picture:
     how = viewing.film(problem, x, out / "motion.gif", engine=engine, size=PIXELS)
     return Picture(out / "motion.gif", "Motion", f"Under the best variables, {how}.")
 
