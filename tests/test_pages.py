@@ -1,4 +1,4 @@
-"""The pages of findings name no number that their CSV and JSON files do not hold, and lead nowhere that is not there."""
+"""The pages of findings name no number that their CSV and JSON files do not hold."""
 
 import json
 import re
@@ -21,7 +21,7 @@ STATED = json.loads((FOLDER / "stated.json").read_text())
 
 NUMBER = re.compile(r"(?<![\w.,])-?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?(?!\w|[.,]\d)")
 MEASURED = re.compile(r"\.\d|e[-+]?\d|^\s*(?:%|(?:s|ms|us|MB|GB|times)\b)")
-"""What a number, or what follows it, looks like that somebody measured. Whole ones without a unit count or name things."""
+"""What a number, or what follows it, looks like that somebody measured. Whole ones without a unit count things."""
 NOT_TEXT = re.compile(
     r"^```.*?^```|`[^`]*`|\]\([^)]*\)|^#.*?$|(?:Figures?|Table|JAX|Python|arXiv) *:?[\d.]+", re.MULTILINE | re.DOTALL
 )

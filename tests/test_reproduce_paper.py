@@ -19,7 +19,7 @@ from tog_mjx.running.errors import InputError
 from tog_mjx.solving.record import load_descent
 
 SCRIPT = Path(__file__).parent.parent / "scripts" / "reproduce_paper.py"
-QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2", "--landscape", "0"]
+QUICK = ["--simulator", "penalty", "--task", "flip", "--iterations", "2"]
 KEYS = [
     "simulator",
     "task",
@@ -72,11 +72,13 @@ def test_it_writes_results_a_summary_and_a_figure_and_keeps_them(script, tmp_pat
 
 
 def test_it_writes_a_page_that_holds_every_figure_and_the_motions(script, tmp_path):
-    script(*QUICK, "--out", tmp_path)
+    _, said, _ = script(*QUICK, "--out", tmp_path)
+    assert "with --landscape 100" in said
     without = (tmp_path / "report.html").read_text()
     assert "Figure 3." in without
     assert 'id="scenarios"' not in without
-    status, _, _ = script(*QUICK, "--landscape", "12", "--out", tmp_path)
+    status, said, _ = script(*QUICK, "--landscape", "12", "--out", tmp_path)
+    assert "with --landscape" not in said
     page = (tmp_path / "report.html").read_text()
     assert status == 0
     assert 'id="scenarios"' in page
@@ -149,7 +151,7 @@ def test_bad_input_is_one_line_and_status_2(script, tmp_path, monkeypatch, argum
 
 
 def test_killed_in_the_middle_it_starts_again_cleanly(tmp_path):
-    options = [*QUICK[:4], "--landscape", "0", "--method", "stochastic", "--out", tmp_path]
+    options = [*QUICK[:4], "--method", "stochastic", "--out", tmp_path]
     command = [sys.executable, SCRIPT, *options, "--iterations"]
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     log = tmp_path.with_suffix(".log")

@@ -52,6 +52,10 @@ def main() -> None:
     console.print(
         f"Results, summary.json and figures are in {args.out}; open {args.out / REPORT} in a browser", markup=False
     )
+    if not args.landscape:
+        console.print(
+            "The same command with --landscape 100 adds the cost landscapes, and on the page a motion for each of their points"
+        )
 
 
 def parse_arguments():
@@ -71,9 +75,9 @@ def parse_arguments():
     parser.add_argument(
         "--landscape",
         type=within(int, 0, GRID_MOST),
-        default=100,
+        default=0,
         metavar="N",
-        help="points along each axis (the paper: 200); 0: none",
+        help="cost landscapes of N x N points (the paper: 200), and their motions on the page; default: none",
     )
     parser.add_argument("--force", action="store_true", help="repeat finished runs and replace their results")
     args = parser.parse_args()
