@@ -62,7 +62,9 @@ def decorators(node: Any) -> str:
 
 
 def is_field(part: Any) -> bool:
-    return isinstance(part, ast.AnnAssign) and part.target.id[0] != "_" and "ClassVar" not in ast.unparse(part)
+    if not (isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)):
+        return False
+    return part.target.id[0] != "_" and "ClassVar" not in ast.unparse(part)
 
 
 def signature(name: str, node: Any, width: float = 110) -> str:
