@@ -54,7 +54,7 @@ def main() -> None:
     )
     if not args.landscape:
         console.print(
-            "The same command with --landscape 100 adds cost landscapes, and on the page a motion for each point of them"
+            "The same command with --landscape 100 adds cost landscapes, and a motion for each of their points"
         )
 
 
