@@ -1,6 +1,7 @@
 """The page of public names is made from docstrings that hold what a reader asks for; nothing here compiles."""
 
 import ast
+import functools
 import importlib
 import inspect
 import re
@@ -30,7 +31,7 @@ ARRAYS = DIFFERENTIABLE | {"ndarray", "Descent", "Differences", "Landscape"}
 JUDGED = {"Descent", "Verdict"}
 EDGES = ("touch-down", "rest", "limit", "kink")
 """What a gradient of a motion is asked about; one of a function of one's own is asked about its jumps and kinks."""
-SHAPE = re.compile(r"\[(\.\.\., )?[\w*+ ]+(, [\w*+ ]+)*\]")
+SHAPE = re.compile(r"(?<!\w)\[(\.\.\., )?[\w*+ ]+(, [\w*+ ]+)*\]")
 
 
 def types(node: Any) -> set[str]:
@@ -50,14 +51,19 @@ def of_all(entry: Any) -> set[str]:
     return set().union(types(entry.node), *map(types, entry.members))
 
 
+@functools.cache
+def private(module: str) -> list[ast.FunctionDef]:
+    """The functions of a module that only it calls."""
+    tree = ast.walk(ast.parse(inspect.getsource(importlib.import_module(module))))
+    return [some for some in tree if isinstance(some, ast.FunctionDef) and some.name.startswith("_")]
+
+
 def raises(node: Any, module: str, seen: frozenset[str] = frozenset()) -> bool:
     """Whether it raises InputError itself, or by private functions of its module, or by those that ask for it."""
     text = ast.unparse(node)
     if re.search(r"raise InputError|\b(require|check)_\w+\(|user_code\.|\bcall\(", text):
         return True
-    tree = ast.walk(ast.parse(inspect.getsource(importlib.import_module(module))))
-    helpers = [some for some in tree if isinstance(some, ast.FunctionDef) and some.name.startswith("_")]
-    called = [some for some in helpers if some.name not in seen and re.search(rf"\b{some.name}\(", text)]
+    called = [some for some in private(module) if some.name not in seen and re.search(rf"\b{some.name}\(", text)]
     return any(raises(some, module, seen | {some.name}) for some in called)
 
 

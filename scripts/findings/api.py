@@ -62,9 +62,7 @@ def decorators(node: Any) -> str:
 
 
 def is_field(part: Any) -> bool:
-    if not (isinstance(part, ast.AnnAssign) and isinstance(part.target, ast.Name)):
-        return False
-    return part.target.id[0] != "_" and "ClassVar" not in ast.unparse(part)
+    return isinstance(part, ast.AnnAssign) and ast.unparse(part)[0] != "_" and "ClassVar" not in ast.unparse(part)
 
 
 def signature(name: str, node: Any, width: float = 110) -> str:

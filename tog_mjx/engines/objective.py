@@ -80,14 +80,14 @@ def objective(problem: str | Problem, engine: str = "mjx", *, checkpoint: Any = 
 
     Units: of x those of the problem's variables, of J those of its cost.
     Gradient: through all steps, forward and reverse. On "mjx" it is as that of `tog.step`. On "mujoco", of first order
-      alone, each step is linearised by differences of 1e-6: at a touch-down it is the slope of the side that does not
+      alone, each step is linearised by short differences: at a touch-down it is the slope of the side that does not
       cross the jump, at a kink (stick to slip, a contact or a limit exactly at its surface and at rest) the mean of
       both sides, and of a control at the end of its range that within. On "penalty" and "released" it is JAX's of
       their program: at a touch-down that of the side on which the step is, at rest that of sticking, at a kink one
       side's; neither knows limits. "saltation" adds the jumps of touch-downs on average, on any but
       "released".
-    Source: for "mjx" as `tog.step`; "mujoco": own, by MuJoCo's `mjd_transitionFD`; "penalty": the limit of soft contact
-      of MuJoCo's documentation, Computation, "Constraint model"; "released": the paper's program.
+    Source: for "mjx" as `tog.step`; "mujoco": own, by MuJoCo's `mjd_transitionFD` and `mjd_inverseFD`; "penalty": the
+      limit of soft contact of MuJoCo's documentation, Computation, "Constraint model"; "released": the paper's program.
     """
     problem = get_problem(problem)
     engine = resolved(problem, engine, options)
