@@ -14,7 +14,7 @@ import tog_mjx
 PAGE = Path(__file__).with_suffix(".md")
 GROUPS = {
     "Problems": "Problem Controls Start Parameters Policy Starts State Plane",
-    "Costs and motions": "objective engines.Objective rollout Motion engines.choose_engine engines.Choice",
+    "Costs and motions": "objective engines.Objective rollout Motion film engines.choose_engine engines.Choice",
     "In a program of MJX": "step simulate converged solver_error Parameter",
     "Can this gradient be trusted?": "check check_scene checks.told.finding.Verdict checks.told.finding.Finding",
     "Solving": "solve solving.descent.descend solving.descent.Descent solving.descent.Status",

@@ -17,16 +17,22 @@ SECONDS, FPS = 2.0, 25.0
 def film(
     problem: str | Problem, x: Numbers, path: str | Path, *, engine: str = "mjx", size: tuple[int, int] = (480, 360)
 ) -> str:
-    """Writes the motion under the variables x as a GIF, slowed down to `SECONDS` where it is shorter.
+    """Writes the motion under the variables x [n] as a GIF, slowed down to `SECONDS` where it is shorter.
 
     Needs neither a display nor OpenGL. With `Starts` it is the motion from the first of them.
 
-    Shapes: x [n]; size is (width, height), in pixels.
+    Args:
+      size: width and height.
 
     Returns:
       how it was made: by how much slower than it is, and by which renderer.
 
-    Errors: InputError for a motion that is not finite, and variables, an engine or a problem that do not fit.
+    Raises:
+      InputError: for a motion that is not finite, and variables, an engine or a problem that do not fit.
+
+    Units: of x those of the problem's variables, of the size pixels.
+    Gradient: none of a picture.
+    Source: own.
     """
     problem = get_problem(problem)
     model, motion = copy.copy(problem.scene.model), motion_of(problem, x, engine)
