@@ -34,6 +34,17 @@ print(jax.jit(jax.jacfwd(lambda v: tog.step(model, data.replace(qvel=v)).qvel))(
     assert float(found.stdout.splitlines()[-1]) == pytest.approx(1 / (1 + 0.1 * 2), rel=1e-6)
 
 
+def test_the_package_loads_when_a_name_of_it_is_used():
+    program = """
+import sys, tog_mjx
+print("jax" in sys.modules, tog_mjx.running.__name__, "jax" in sys.modules)
+from tog_mjx import *
+print(step is tog_mjx.step, "Problem" in dir(tog_mjx), hasattr(tog_mjx, "nonsense"), "jax" in sys.modules)
+"""
+    found = run("-c", program, MUJOCO_GL="")
+    assert found.stdout == "False tog_mjx.running False\nTrue True False True\n", found.stderr
+
+
 def test_a_part_imported_alone_knows_the_names_that_the_paper_gives():
     program = """
 from tog_mjx.engines.simulator import gradient_charge
