@@ -9,7 +9,7 @@ The slope over a window is that of least squares: the derivative of the function
 """
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,7 +50,8 @@ class Jumps(NamedTuple):
 
     `slope` is that over the window, `short` that of differences at its middle which see no jump, and `size` what they
     are compared with; `number` the cells over which jumps are spread; `sides` [2, n] are points to either side of one
-    of them. `slopes` [m, k] are all that are known over the window, NaN elsewhere.
+    of them. `slopes` [m, k] are all that are known over the window, NaN elsewhere. `line` [2, N] are displacements and
+    the values there, of `entry`.
     """
 
     width: float
@@ -59,6 +60,7 @@ class Jumps(NamedTuple):
     short: float
     size: float
     slopes: np.ndarray
+    line: np.ndarray
     number: float = 0.0
     sides: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -153,7 +155,10 @@ def _within(
     def made(shares: np.ndarray, *jumps: Any) -> Jumps:
         i, j = np.unravel_index(shares.argmax(), shares.shape)
         entry = int(i), columns[int(j)]
-        return Jumps(width, entry, slope[i, j], shortest[entry], max(size[i], abs(shortest[entry])), known, *jumps)
+        line = np.stack([at, value[:, i, j]])
+        return Jumps(
+            width, entry, slope[i, j], shortest[entry], max(size[i], abs(shortest[entry])), known, line, *jumps
+        )
 
     shares = np.abs(slope - between) / size[:, None]
     i, j = np.unravel_index(shares.argmax(), shares.shape)
@@ -220,7 +225,8 @@ def judge_jumps(
     wide = f"over {width:.1g} the slope is {jumps.slope / unit:.3g}"
 
     def say(level: Level, sentence: str, remedy: str = "") -> Finding:
-        return dataclasses.replace(plain, level=level, sentence=sentence, value=error, remedy=remedy)
+        curves = along_the_line(plain.curves, jumps, slope, unit)
+        return dataclasses.replace(plain, level=level, sentence=sentence, value=error, remedy=remedy, curves=curves)
 
     if lacks(slopes, jumps):
         told = f"the derivative is that between two jumps: {seen}, but {wide}"
@@ -242,6 +248,23 @@ def judge_jumps(
         return plain
     told = f"the derivative has the jumps, as they lie on the grid of time steps: {seen}, {wide}"
     return say(Level.CARE, _with(told, where(jumps)), "average over a few starts, as far apart as jumps are")
+
+
+def along_the_line(
+    curves: Mapping[str, Sequence[float]], jumps: Jumps, slope: float, unit: float
+) -> dict[str, Sequence[float]]:
+    """Curves, and how the function changes along the line where the jumps are, from the point next to the middle:
+    itself, by autodiff's `slope`, and by that over the window. All are made as long as the longest, by NaN."""
+    away, change = jumps.line - jumps.line[:, [np.abs(jumps.line[0]).argmin()]]
+    along = {
+        "displacement": jumps.line[0] * unit,
+        "function": change,
+        "along the gradient": slope * away,
+        "along the slope over the window": jumps.slope * away,
+    }
+    lists = {**curves, **{name: y.tolist() for name, y in along.items()}}
+    most = max(map(len, lists.values()))
+    return {name: [*curve, *[np.nan] * (most - len(curve))] for name, curve in lists.items()}
 
 
 def _with(told: str, where: str) -> str:

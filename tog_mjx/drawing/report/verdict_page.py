@@ -6,7 +6,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from tog_mjx.drawing.figures.curves import draw_curves, has_figure
+from tog_mjx.drawing.figures.curves import figures
 from tog_mjx.drawing.report.page import Picture, Section, Table, write_page
 
 _DERIVATIVES = (
@@ -30,9 +30,9 @@ def write_verdict(path: Path, title: str, line: str, verdict: Mapping[str, Any])
         [found["level"] for found in findings],
     )
     pictures = [
-        Picture(draw_curves(found["check"], found["curves"]), found["check"], found["sentence"])
+        Picture(drawn.figure, drawn.name, drawn.caption)
         for found in findings
-        if has_figure(found["check"], found["curves"])
+        for drawn in figures(found["check"], found["level"], found["curves"])
     ]
     rows = [
         [name, _number(value, 6), *(_number(slope) for slope in slopes)]
@@ -42,7 +42,7 @@ def write_verdict(path: Path, title: str, line: str, verdict: Mapping[str, Any])
     gradient = Table(["output", "value", *verdict["variables"]], rows, _DERIVATIVES)
     sections = [
         Section("Checks", table=checks),
-        Section("Curves", pictures),
+        *([Section("Curves", pictures)] if pictures else []),
         Section("The gradient", table=gradient),
     ]
     subject, heading = f"{title}: {verdict['subject']}", "Can this gradient be trusted?"
