@@ -116,10 +116,15 @@ def test_a_broken_cuda_plugin_is_one_line_and_jax_goes_on(tmp_path, monkeypatch)
 def test_a_card_that_jax_does_not_see_is_told(monkeypatch):
     said = Tried('{"devices": ["cpu"], "flags": ""}', "", False)
     monkeypatch.setattr(doctor.shutil, "which", lambda name: "/usr/bin/nvidia-smi" if name == "nvidia-smi" else None)
-    assert [part.name for part in doctor.devices(said) if part.remedy] == ["GPU"]
+    for remark in ("", "RuntimeWarning: of something else"):
+        *_, gpu = doctor.devices(said._replace(complaint=remark))
+        assert gpu.found == "JAX does not see the one that is here"
+        assert "pip install 'jax[cuda12]'" in gpu.remedy
     seen = said._replace(said='{"devices": ["NVIDIA H100", "NVIDIA H100"], "flags": ""}')
     where, flags = doctor.devices(seen)
     assert (where.found, flags.found) == ("2 x NVIDIA H100", "none")
+    monkeypatch.setattr(doctor.shutil, "which", lambda _: None)
+    assert len(list(doctor.devices(said._replace(complaint="RuntimeWarning: of something else")))) == 2
 
 
 def test_without_jax_all_else_is_told(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ import importlib.metadata as metadata
 import json
 import os
 import platform
+import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -117,9 +118,10 @@ def devices(tried: probes.Tried) -> Iterator[Part]:
     yield Part("JAX computes on", ", ".join(f"{count} x {kind}" for kind, count in kinds.items()))
     yield Part("XLA flags of commands", found["flags"] or "none")
     has_gpu = any(kind.lower() != "cpu" for kind in kinds)
-    if tried.complaint or (shutil.which("nvidia-smi") and not has_gpu):
+    is_of_gpu = re.search("plugin|cuda|rocm|gpu|tpu|nvidia", tried.complaint, re.IGNORECASE)
+    if is_of_gpu or (shutil.which("nvidia-smi") and not has_gpu):
         remedy = "for a GPU: pip install 'jax[cuda12]'; without one: pip uninstall the plugin that is named"
-        yield Part("GPU", printable(tried.complaint or "there is one, and JAX has none of it"), remedy)
+        yield Part("GPU", printable(tried.complaint if is_of_gpu else "JAX does not see the one that is here"), remedy)
 
 
 def opengl(tried: dict[str, probes.Tried]) -> Iterator[Part]:

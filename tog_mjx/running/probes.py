@@ -51,7 +51,7 @@ class Tried(NamedTuple):
 
 def try_jax() -> Tried:
     """JSON: the kind of each of JAX's `devices`, and the `flags` of XLA, as they are when a command starts."""
-    return _run(_START, {})
+    return _run(_START, {"MUJOCO_GL": "disable"})  # OpenGL is tried elsewhere.
 
 
 def try_opengl(backend: str) -> Tried:
