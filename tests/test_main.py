@@ -41,7 +41,7 @@ def test_a_slip_in_a_name_is_one_line_and_status_2(run_script):
 def test_a_command_says_what_was_typed(name, run_script):
     status, said, complaint = run_script("tog", name, "--help")
     assert (status, complaint) == (0, "")
-    assert said.startswith(f"usage: tog {name} [-h] ")
+    assert said.startswith(f"usage: tog {name} [-h]")
     assert " ".join(said.split("\n\n")[1].split()) == commands()[name]
 
 

@@ -1,5 +1,11 @@
 """Writes api.md, the public names on one page, from their docstrings: `python scripts/findings/api.py`."""
 
+if __name__ == "__main__":  # Ctrl-C while libraries load, which takes a second or two, leaves no traceback.
+    import signal
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import ast
 import importlib
 import inspect
