@@ -17,8 +17,9 @@ from tog_mjx.paper.outcomes import agreement_figure
 from tog_mjx.paper.questions import friction_law
 from tog_mjx.paper.tasks import TASKS, get_task
 from tog_mjx.paper.terms import TERMS
-from tog_mjx.running.console import SEEDS, ArgumentParser, Work, run_main, within
+from tog_mjx.running.console import SEEDS, ArgumentParser, run_main, within
 from tog_mjx.running.errors import MANY
+from tog_mjx.running.progress import Work
 from tog_mjx.running.storage import DamagedFileError, check_writable, save_json
 from tog_mjx.studies.landscape import gradient_field, landscape
 

@@ -23,8 +23,9 @@ from tog_mjx.paper.execution import find_finished, finish_landscape, finish_runs
 from tog_mjx.paper.published import published
 from tog_mjx.paper.scenario import GRID, scenario, thinned
 from tog_mjx.paper.tasks import TASKS, Task, get_task
-from tog_mjx.running.console import GRID_MOST, SEEDS, ArgumentParser, Work, run_main, within
+from tog_mjx.running.console import GRID_MOST, SEEDS, ArgumentParser, run_main, within
 from tog_mjx.running.errors import MANY
+from tog_mjx.running.progress import Work
 from tog_mjx.running.storage import check_writable, save_json
 from tog_mjx.solving.descent import Descent
 from tog_mjx.studies.landscape import Landscape

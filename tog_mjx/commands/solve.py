@@ -23,8 +23,9 @@ from tog_mjx.engines import ENGINES, choose_engine, gradient_charge, objective, 
 from tog_mjx.engines.simulator import AUTO
 from tog_mjx.paper.tasks import TASKS, get_task
 from tog_mjx.problems import Plane, Problem
-from tog_mjx.running.console import GRID_MOST, ArgumentParser, Work, run_main, within
+from tog_mjx.running.console import GRID_MOST, ArgumentParser, run_main, within
 from tog_mjx.running.digests import function_digest, lowered, program_digest
+from tog_mjx.running.progress import Work
 from tog_mjx.running.storage import DamagedFileError, atomic_write, check_writable
 from tog_mjx.solving import solve as solving
 from tog_mjx.solving.descent import Descent

@@ -12,8 +12,9 @@ from rich.table import Table
 
 from tog_mjx.checks.step_check import METHODS, ORDERS, Verdict, check_second_order, check_step, require_joints
 from tog_mjx.mjcf.scene import load_scene
-from tog_mjx.running.console import ArgumentParser, Work, run_main
+from tog_mjx.running.console import ArgumentParser, run_main
 from tog_mjx.running.errors import printable
+from tog_mjx.running.progress import Work
 
 WIDTH = 140
 

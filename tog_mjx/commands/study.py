@@ -15,7 +15,8 @@ from rich.table import Table
 
 from tog_mjx.drawing.figures.style import save_figure
 from tog_mjx.paper.questions.catalogue import STUDIES
-from tog_mjx.running.console import ArgumentParser, Work, run_main
+from tog_mjx.running.console import ArgumentParser, run_main
+from tog_mjx.running.progress import Work
 from tog_mjx.running.storage import atomic_write, check_writable
 from tog_mjx.studies.study import Drawn, Store
 

@@ -8,8 +8,8 @@ from rich.console import Console
 from tog_mjx.paper import comparison
 from tog_mjx.paper.comparison import Run
 from tog_mjx.paper.tasks import get_task
-from tog_mjx.running.console import Work
 from tog_mjx.running.errors import InputError
+from tog_mjx.running.progress import Work
 from tog_mjx.running.storage import DamagedFileError
 from tog_mjx.studies.landscape import Landscape, landscape
 

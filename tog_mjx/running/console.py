@@ -1,19 +1,15 @@
-"""What every command shares: one clear line for bad input, the compilation cache, and progress."""
+"""What every command shares: one clear line for bad input, and the compilation cache."""
 
 import contextlib
 import gc
 import io
 import os
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
 import jax
-from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from tog_mjx.running.arguments import ArgumentParser as ArgumentParser
 from tog_mjx.running.arguments import within as within
@@ -32,7 +28,6 @@ GRID_MOST = 3000
 """Points of a landscape along each axis."""
 CONTINUES = "what was finished is kept, the same command continues"
 """What most of those say that keep something when they are interrupted."""
-_SECONDS_BETWEEN_LINES = 10
 
 
 def run_main(main: Callable[[], None], continues: str = "") -> None:
@@ -86,44 +81,3 @@ def enable_compilation_cache() -> None:
         return
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
-
-
-class Work:
-    """Progress of a list of pieces of work: a bar with the time left on a terminal, elsewhere a line now and then."""
-
-    def __init__(self, console: Console):
-        self.console = console
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-        )
-        self._bars = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
-
-    @contextlib.contextmanager
-    def piece(self, name: str, total: int, first: str = "compiling") -> Iterator[Callable[[int], None]]:
-        """One piece of `total` steps. Yields what to call with the number done; `first` is what comes before that."""
-        if not self.console.is_terminal:
-            self.console.print(f"{name}: {first}", markup=False)
-        bar = self._bars.add_task(escape(f"{name}: {first}"), total=None)
-        began: tuple[float, int] | None = None
-        said = 0.0
-
-        def report(done: int) -> None:
-            nonlocal began, said
-            self._bars.update(bar, description=escape(f"{name}: running"), total=total, completed=done)
-            now = time.monotonic()
-            if began is None:  # The time before it was the compiler's.
-                began, said = (now, done), now
-                if not self.console.is_terminal:
-                    self.console.print(f"{name}: running", markup=False)
-            elif not self.console.is_terminal and now - said > _SECONDS_BETWEEN_LINES:
-                left = (now - began[0]) / (done - began[1]) * (total - done)
-                self.console.print(f"{name}: {done} of {total}, about {left:.0f} s left", markup=False)
-                said = now
-
-        with self._bars:
-            yield report
-        self._bars.remove_task(bar)

@@ -19,7 +19,7 @@ import mujoco
 import numpy as np
 
 _PACKAGE = Path(__file__).parent.parent
-DRAWS = ("tog_mjx.drawing", "tog_mjx.running.console")
+DRAWS = ("tog_mjx.drawing", "tog_mjx.running.console", "tog_mjx.running.progress")
 """Parts of this package without influence on a result."""
 COMPUTES = {
     "jax": ("jax", "jaxlib"),
