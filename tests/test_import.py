@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+import tog_mjx
+from tog_mjx import api
+
 SCRIPTS = Path(__file__).parent.parent / "scripts"
 SCENE = Path(__file__).parent / "scenes" / "box.xml"
 
@@ -43,6 +46,46 @@ print(step is tog_mjx.step, "Problem" in dir(tog_mjx), hasattr(tog_mjx, "nonsens
 """
     found = run("-c", program, MUJOCO_GL="")
     assert found.stdout == "False tog_mjx.running False\nTrue True False True\n", found.stderr
+
+
+def test_every_public_name_is_the_one_of_api():
+    hook = {"jaxtyping"}  # Of these tests: it imports that into every module.
+    assert dir(tog_mjx) == sorted({name for name in vars(api) if name[0] != "_"} - hook)
+    for name in dir(tog_mjx):
+        assert getattr(tog_mjx, name) is getattr(api, name)
+    with pytest.raises(AttributeError, match="has no attribute 'objectiv'"):
+        _ = tog_mjx.objectiv  # type: ignore[attr-defined]
+
+
+SLIDE = """
+<mujoco>
+  <option timestep="0.1"/>
+  <worldbody><geom type="plane" size="9 9 1"/>
+    <body pos="0 0 1"><joint name="x" type="slide" axis="1 0 0"/><geom size="0.1" mass="2"/></body></worldbody>
+  <actuator><motor joint="x"/></actuator>
+</mujoco>"""
+
+
+def test_a_gradient_and_a_verdict_of_c_mujoco_load_neither_mjx_nor_what_draws_and_descends():
+    """MJX comes when it is asked for, also inside a transformation. Three steps under a force u end at 6 dt^2 u / m."""
+    program = """
+import sys
+import jax, mujoco, tog_mjx as tog
+spec = mujoco.MjSpec.from_string(sys.argv[1])
+problem = tog.Problem(spec, 3, cost=lambda last: last.joint("x"))
+print(jax.grad(tog.objective(problem, "mujoco"))(problem.x0).item())
+print(tog.check_scene(spec.compile(), steps=100, engine="mujoco").level.name)
+others = ("mujoco.mjx", "trimesh", "scipy", "optax", "matplotlib", "pandas", "rich")
+print([name for name in others if name in sys.modules])
+print(jax.jit(lambda x: tog.Parameter(spec, "body_mass[1]")(x).body_mass[1])(jax.numpy.full(1, 5.0)).item())
+from tog_mjx.stepping._mjx import mjx
+print(isinstance(mjx.put_model(spec.compile()), mjx.Model), isinstance(spec, mjx.Model))
+"""
+    found = run("-c", program, SLIDE)
+    assert found.returncode == 0, found.stderr
+    gradient, *others = found.stdout.splitlines()
+    assert float(gradient) == pytest.approx(6 * 0.1**2 / 2, rel=1e-5)
+    assert others == ["FINE", "[]", "5.0", "True False"]
 
 
 def test_a_part_imported_alone_knows_the_names_that_the_paper_gives():

@@ -4,5 +4,5 @@ import importlib
 
 
 def load_givers() -> None:
-    """Imports the whole package: of a part that was imported alone, who gives a name may not be there yet."""
-    importlib.import_module(f"{__name__.partition('.')[0]}.api")
+    """Imports what gives them: of a part that was imported alone, it may not be there yet."""
+    importlib.import_module(f"{__name__.partition('.')[0]}.paper.tasks")

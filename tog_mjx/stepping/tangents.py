@@ -3,14 +3,16 @@
 import mujoco
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import block_diag
 
 from tog_mjx.stepping.velocity_space import position_basis, velocity_basis
 
 
 def state_basis(model: mujoco.MjModel, qpos: Float[np.ndarray, " nq"]) -> np.ndarray:
     """Tangents [2 nv + na, nq + nv + na] of unit changes of positions (in velocity space), velocities, activations."""
-    return block_diag(position_basis(model, qpos).T, np.eye(model.nv), np.eye(model.na))
+    nq, nv, na = model.nq, model.nv, model.na
+    found = np.eye(2 * nv + na, nq + nv + na, nq - nv)
+    found[:nv, :nq] = position_basis(model, qpos).T
+    return found
 
 
 def in_velocity_space(model: mujoco.MjModel, qpos: np.ndarray, change: np.ndarray) -> np.ndarray:
