@@ -142,7 +142,7 @@ def _slopes_of_forces(
     low, high = np.where(model.actuator_ctrllimited[:, None], found.limits, [-np.inf, np.inf]).transpose(2, 0, 1)
     steps = np.array([STEP_IN_CONTROLS, -STEP_IN_CONTROLS])[:, None, None]
     slopes, ends = (found.forces[1:] - found.forces[0]) / steps, controls + steps
-    can = (low <= controls) & (controls <= high) & (low <= ends) & (ends <= high)
+    can = (low <= ends) & (ends <= high)
     return np.where(can, slopes, np.where(can[::-1], slopes[::-1], 0.0))
 
 
