@@ -4,12 +4,13 @@ import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from mujoco import MjModel
 
 from tog_mjx.engines import objective
 from tog_mjx.engines.c_mujoco.forward import Forward
@@ -23,8 +24,10 @@ from tog_mjx.problems.state import State
 from tog_mjx.problems.variables import Controls
 from tog_mjx.running.errors import InputError
 from tog_mjx.running.types import Scalar
+from tog_mjx.stepping.converged import converged
 from tog_mjx.studies.benchmarks.timing import compiled, interleaved
 
+Point: TypeAlias = Float[np.ndarray, " n"]
 STEPS, DIRECTIONS = 100, 6
 SHARE = 0.3
 """Of the range of the controls, about whose middle they are drawn."""
@@ -32,9 +35,9 @@ HALVINGS = halvings(1e-4, 9)
 MJX, ONE, ALL = "mjx", "C MuJoCo, 1 thread", "C MuJoCo, all cores"
 
 
-def all_controls(path: Path) -> tuple[Problem, Float[np.ndarray, " n"]]:
+def all_controls(path: Path, prepare: Callable[[MjModel], MjModel] = lambda model: model) -> tuple[Problem, Point]:
     """All controls of STEPS time steps of a model, and random ones: J is a random sum of where the motion ends."""
-    model, random = compile_model(path), np.random.default_rng(0)
+    model, random = prepare(compile_model(path)), np.random.default_rng(0)
     weights, speeds = random.normal(size=model.nq), 0.1 * random.normal(size=model.nv)
 
     def cost(last: State) -> Scalar:
@@ -51,6 +54,8 @@ def engines(paths: Sequence[Path], repeats: int, report: Callable[[str], None]) 
 
     `apart` is how far, relative to its norm, that of C MuJoCo is from MJX's; of a model that MJX refuses from
     differences of whole motions along random directions, and `settled` by how much those change at the last halving.
+    In these motions the solver comes to its answer, as in a derivative: where it stops short by an iteration its answer
+    hangs on where it began.
     """
     rows = []
     for path in paths:
@@ -63,7 +68,7 @@ def engines(paths: Sequence[Path], repeats: int, report: Callable[[str], None]) 
         found = {name: np.asarray(program.run()) for name, program in programs.items()}
         report(f"{path.stem}: measuring")
         times = interleaved({name: program.run for name, program in programs.items()}, repeats)
-        apart, settled = _apart(problem, x, found)
+        apart, settled = _apart(path, x, found)
         for name, seconds in times.items():
             rows.append(
                 {
@@ -95,13 +100,14 @@ def _costs(problem: Problem) -> dict[str, Callable[[Array], Scalar]]:
     return {MJX: objective(problem, "mjx"), **found}
 
 
-def _apart(problem: Problem, x: Float[np.ndarray, " n"], found: dict[str, np.ndarray]) -> tuple[float, float | None]:
+def _apart(path: Path, x: Point, found: dict[str, np.ndarray]) -> tuple[float, float | None]:
     gradient = found[ALL]
     if MJX in found:
         expected, settled = found[MJX], None
     else:
         directions = np.random.default_rng(1).normal(size=(DIRECTIONS, x.size)) / np.sqrt(x.size)
-        values = jax.jit(jax.vmap(lambda a: objective(problem, "mujoco")(x + a @ directions)))
+        J = objective(all_controls(path, converged)[0], "mujoco")
+        values = jax.jit(jax.vmap(lambda a: J(x + a @ directions)))
         differences = settled_differences(
             lambda points: np.asarray(values(jnp.asarray(points)))[:, None], np.zeros((1, DIRECTIONS)), HALVINGS
         )
