@@ -218,3 +218,47 @@ def test_a_live_simulation_that_shakes_in_its_place_moves_no_camera():
     for _ in range(30):
         live.advance(0.05)
     np.testing.assert_array_equal(live.lookat, before)
+
+
+DRIVEN = """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0"/><geom size="0.1" rgba="1 1 1 1"/></body>
+  </worldbody><actuator><motor name="push" joint="x" ctrlrange="-1 1"/></actuator></mujoco>"""
+
+
+def driven(ctrl: np.ndarray) -> np.ndarray:
+    model = mujoco.MjModel.from_xml_string(DRIVEN)
+    motion = Motion(np.linspace(0, 1, len(ctrl)), np.zeros((len(ctrl), 1)), ctrl[:, None])
+    return render(model, start(model), motion, (160, 120)).images.astype(int)
+
+
+def test_controls_that_change_are_drawn_below_with_the_moment(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    ctrl = np.linspace(-1, 1, 11)
+    frames = driven(ctrl)
+    assert frames.shape == (11, 120, 160, 3)
+    strip = frames[:, 100:]  # The lower sixth.
+    marks = [np.flatnonzero((image < 60).all(axis=(0, 2))) for image in strip]
+    np.testing.assert_allclose([mark.mean() for mark in marks], 0.5 + 158 * np.linspace(0, 1, 11), atol=1)
+    blue = (strip[0, :, :, 2] - strip[0, :, :, 0]) > 60
+    columns = np.flatnonzero(blue[7:].any(axis=0))
+    heights = [
+        np.flatnonzero(blue[7:, column]).mean() for column in (columns[5], columns[len(columns) // 2], columns[-5])
+    ]
+    assert heights[0] > heights[1] + 2 > heights[2] + 4  # From the lower edge to the upper.
+
+
+def test_constant_controls_take_no_room(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    frames = driven(np.full(3, 0.5))
+    assert frames.shape == (3, 120, 160, 3)
+    assert not ((frames[..., 2] - frames[..., 0]) > 60).any()
+
+
+def test_a_floor_with_a_texture_shows_the_way_in_a_drawing_too(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "disable")
+    asset = """<mujoco><asset><texture name="t" type="2d" builtin="checker" width="8" height="8"/>
+      <material name="m" texture="t"/></asset>"""
+    xml = ROLLING.replace("<mujoco>", asset, 1).replace('type="plane"', 'type="plane" material="m"')
+    model = mujoco.MjModel.from_xml_string(xml)
+    motion = Motion(np.arange(2.0), np.array([[x, 0, 0.1, 1, 0, 0, 0] for x in (0.0, 1.03)]))
+    images = render(model, start(model), motion, (320, 180)).images.astype(int)
+    assert (np.abs(images[1] - images[0])[-40:].max(axis=2) > 12).mean() > 0.1

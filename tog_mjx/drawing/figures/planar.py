@@ -71,6 +71,12 @@ def site_outlines(model: mujoco.MjModel, data: mujoco.MjData) -> list[Outline]:
     return found
 
 
+def textured_planes(model: mujoco.MjModel) -> list[int]:
+    """The visible planes whose file gives them a texture, which is not drawn here."""
+    planes = np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE) & (model.geom_matid >= 0)).tolist()
+    return [i for i in planes if is_visible(model, i) and (model.mat_texid[model.geom_matid[i]] >= 0).any()]
+
+
 def tiles(
     model: mujoco.MjModel, data: mujoco.MjData, planes: Sequence[int], x: tuple[float, float], side: float
 ) -> list[Outline]:

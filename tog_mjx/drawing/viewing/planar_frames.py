@@ -26,6 +26,7 @@ def planar_frames(
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
+    floors = [*scenery.floors, *planar.textured_planes(model)]
     frames = np.empty((len(qpos), height, width, 3), np.uint8)
     for i, (position, (x, z, tall)) in enumerate(zip(qpos, windows, strict=True)):
         half = tall * width / height / 2
@@ -35,7 +36,7 @@ def planar_frames(
         mujoco.mj_kinematics(model, data)
         geoms, sites = planar.outlines(model, data), planar.site_outlines(model, data)
         ground = [shape for shape in geoms if not shape.moves]
-        tiles = planar.tiles(model, data, scenery.floors, (x - half, x + half), scenery.tile)
+        tiles = planar.tiles(model, data, floors, (x - half, x + half), scenery.tile)
         above = [*(shape for shape in geoms if shape.moves), *sites]
         patches = [*planar.draw(axes, ground), *planar.draw(axes, tiles, has_edge=False), *planar.draw(axes, above)]
         patches += planar.draw(axes, planar.balls(scenery.marks, scenery.radius, COLOR))

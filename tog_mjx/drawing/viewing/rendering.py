@@ -15,6 +15,7 @@ from tog_mjx.drawing.viewing.child import run_python
 from tog_mjx.drawing.viewing.looks import Scenery, dress
 from tog_mjx.drawing.viewing.planar_frames import planar_frames
 from tog_mjx.drawing.viewing.shown import Motion
+from tog_mjx.drawing.viewing.strip import strip_height, strips
 from tog_mjx.running.errors import InputError
 
 _OFF = ("disable", "disabled", "off", "false", "0")
@@ -33,8 +34,9 @@ def render(model: mujoco.MjModel, data: mujoco.MjData, motion: Motion, size: tup
     """One frame of `size` (width, height) in pixels for each moment of a motion. `data` has mocap poses, and is moved.
 
     The camera is the one called `plane`, where the model has it, else the free one, which follows what moves; see
-    `camera.aim`. What a file leaves without light, colour or size is given some, see `looks.dress`. The environment
-    variable MUJOCO_GL chooses the OpenGL backend; without it EGL and OSMesa are tried, in this order.
+    `camera.aim`. What a file leaves without light, colour or size is given some, see `looks.dress`. Controls that
+    change are drawn below. The environment variable MUJOCO_GL chooses the OpenGL backend; without it EGL and OSMesa are
+    tried, in this order.
 
     Raises:
       InputError: for more frames than fit in memory.
@@ -44,6 +46,14 @@ def render(model: mujoco.MjModel, data: mujoco.MjData, motion: Motion, size: tup
             f"{len(motion.qpos)} frames of {size[0]} x {size[1]} pixels are too many; give a lower --fps, a smaller "
             "--size, a shorter --duration or a higher --speed"
         )
+    if low := strip_height(motion, size[1]):
+        above = _pictures(model, data, motion, (size[0], size[1] - low))
+        below = strips(model, motion, (size[0], low))
+        return Frames(np.concatenate([above.images, below], axis=1), f"{above.method}; below, the controls over time")
+    return _pictures(model, data, motion, size)
+
+
+def _pictures(model: mujoco.MjModel, data: mujoco.MjData, motion: Motion, size: tuple[int, int]) -> Frames:
     views = aim(model, data, motion.qpos, size[0] / size[1])
     scenery = dress(model, data, views.height(model))
     reasons = []
