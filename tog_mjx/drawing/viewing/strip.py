@@ -15,6 +15,7 @@ _LEAST = 60
 _DPI = 100
 _NAMED = 6
 """Actuators up to which each is named."""
+_ROUNDING = 1e-5
 _FONT = 0.12
 """Points for a pixel of height."""
 _MARK, _DARK = 2, (27, 27, 27)
@@ -23,7 +24,7 @@ _MARK, _DARK = 2, (27, 27, 27)
 
 def strip_height(motion: Motion, height: int) -> int:
     """Pixels of a strip in a frame so high: 0 where controls do not change, as nothing is to be seen then."""
-    if motion.ctrl is None or not motion.ctrl.size or np.ptp(motion.ctrl, axis=0).max() == 0 or height < _LEAST:
+    if motion.ctrl is None or not _changing(motion.ctrl) or height < _LEAST:
         return 0
     return round(SHARE * height / 2) * 2
 
@@ -48,7 +49,7 @@ def _lines(
     figure = Figure(figsize=(width / _DPI, height / _DPI), dpi=_DPI)
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
-    changing = np.flatnonzero(np.ptp(ctrl, axis=0)).tolist()
+    changing = _changing(ctrl)
     names = [model.actuator(i).name for i in changing]
     is_named = len(names) <= _NAMED and all(names)
     axes.set(xlim=(time[0], time[-1]), ylim=(-0.1, 1.5 if is_named else 1.1))
@@ -60,6 +61,11 @@ def _lines(
         axes.legend(loc="upper left", ncols=_NAMED, handlelength=1, fontsize=_FONT * height, frameon=False, borderpad=0)
     canvas.draw()
     return np.asarray(canvas.buffer_rgba())[:, :, :3]
+
+
+def _changing(ctrl: Float[np.ndarray, "T nu"]) -> list[int]:
+    """The controls that change by more than rounding."""
+    return np.flatnonzero(np.ptp(ctrl, axis=0) > _ROUNDING * np.abs(ctrl).max(axis=0)).tolist()
 
 
 def _shares(model: mujoco.MjModel, ctrl: Float[np.ndarray, "T nu"]) -> Float[np.ndarray, "T nu"]:
