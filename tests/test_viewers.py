@@ -119,6 +119,31 @@ def test_a_window_shows_the_scene_and_closes_on_ctrl_c(display, result, source):
     assert (status, complaint) == (0, "")
 
 
+def test_a_window_shows_a_scene_without_light_colour_or_background(display, tmp_path):
+    name, pixels = display
+    scene = tmp_path / "scene.xml"
+    scene.write_text(
+        """<mujoco><worldbody><geom type="plane" size="3 3 0.1"/>
+        <body pos="0 0 0.05"><joint type="slide" axis="1 0 0"/><geom type="box" size="0.05 0.05 0.05"/></body>
+        </worldbody></mujoco>"""
+    )
+    script = Started(scene, display=name)
+    if not script.wait_for("Close the window"):
+        status, complaint = script.end()
+        assert (status, complaint.count("\n")) == (2, 1), complaint
+        pytest.skip(f"no OpenGL on the virtual display: {complaint}")
+    deadline = time.monotonic() + PATIENCE
+    seen = sky = 0
+    while not (seen >= 1000 and sky >= 1000) and time.monotonic() < deadline:
+        time.sleep(0.1)
+        image = screen(pixels).astype(int)
+        seen = int(((image[:, :, 0] > 180) & (image[:, :, 0] - image[:, :, 2] > 80)).sum())  # The cube is orange.
+        sky = int((image > 200).all(axis=2).sum())
+    status, complaint = script.interrupt()
+    assert min(seen, sky) >= 1000
+    assert (status, complaint) == (0, "")
+
+
 @pytest.mark.parametrize("source", ["simulation", "run"])
 def test_a_page_is_served_until_ctrl_c(result, source):
     # By default it takes the first free port, which another process may take after it; one of its own nobody does.

@@ -77,7 +77,7 @@ def aim(model: mujoco.MjModel, data: mujoco.MjData, qpos: Float[np.ndarray, "n n
     if plane_camera(model) >= 0 or not moving.size:
         centres, windows = (np.array([some] * len(qpos)) for some in (centre, window(model)))
         return Views(centres, distance, *angles, windows)
-    axes = _axes(*angles)
+    axes = axes_of(*angles)
     fit = _follow(moving @ axes, aims @ axes, aspect, model.vis.global_.fovy)
     distance = float(((moving @ axes)[:, :, 2].mean(axis=1) - fit.place[:, 2]).mean())
     lookat = fit.place @ axes.T + distance * axes[:, 2]
@@ -171,7 +171,7 @@ def _size(points: Float[np.ndarray, "n k 3"]) -> float:
     return float(np.linalg.norm(np.ptp(points.reshape(-1, 3), axis=0)))
 
 
-def _axes(azimuth: float, elevation: float) -> Float[np.ndarray, "3 3"]:
+def axes_of(azimuth: float, elevation: float) -> Float[np.ndarray, "3 3"]:
     """Right, up and forward, as columns, of MuJoCo's free camera."""
     a, e = np.deg2rad([azimuth, elevation])
     forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])

@@ -42,7 +42,7 @@ def main(folder: Path) -> None:
             if given["is_dark"]:
                 add_light(scene, free.lookat)
             if not given["has_sky"]:
-                add_sky(scene, model)
+                add_sky(scene, model, np.array(scene.camera[0].pos), scene.camera[0].forward)
             add_marks(scene, given["marks"], float(given["radius"]))
             for floor in given["floors"].tolist():
                 add_tiles(scene, model, data, floor, free.lookat, float(given["tile"]))
@@ -59,15 +59,15 @@ def add_light(scene: mujoco.MjvScene, centre: np.ndarray) -> None:
     scene.nlight += 1
 
 
-def add_sky(scene: mujoco.MjvScene, model: mujoco.MjModel) -> None:
-    """A wall behind all that the camera sees, which shines."""
-    view = scene.camera[0]
-    forward, up = np.array(view.forward), np.array(view.up)
+def add_sky(scene: mujoco.MjvScene, model: mujoco.MjModel, eye: np.ndarray, forward: np.ndarray) -> None:
+    """A wall behind all that a camera sees, which shines."""
     far = 0.9 * model.vis.map.zfar * model.stat.extent
-    axes = np.column_stack([np.cross(forward, up), up, forward])
-    size = np.array([far, far, 0.001 * far]) * 4
+    turn, axes = np.zeros(4), np.zeros(9)
+    mujoco.mju_quatZ2Vec(turn, np.array(forward, float))
+    mujoco.mju_quat2Mat(axes, turn)
     dim = 0.01  # So that it shines alike in any light.
-    wall = _add(scene, mujoco.mjtGeom.mjGEOM_BOX, size, np.array(view.pos) + far * forward, axes, [*dim * _SKY, 1])
+    size, place = far * np.array([4, 4, 0.004]), eye + far * np.array(forward)
+    wall = _add(scene, mujoco.mjtGeom.mjGEOM_BOX, size, place, axes, [*dim * _SKY, 1])
     if wall:
         wall.emission = 1 / dim
 

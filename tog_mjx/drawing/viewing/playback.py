@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from tog_mjx.drawing.viewing.camera import aim
-from tog_mjx.drawing.viewing.looks import dress
+from tog_mjx.drawing.viewing.camera import Views, aim
+from tog_mjx.drawing.viewing.looks import Scenery, dress
 from tog_mjx.drawing.viewing.shown import DIVERGED, Motion, move_markers
 from tog_mjx.running.quiet import without_warnings
 
@@ -18,6 +18,8 @@ _ASPECT = 1.5
 _MAX_LAG = 0.1
 """Seconds of simulation that are made up for at most: where a computer is too slow, the simulation is slow too."""
 
+_BRIGHTER = 0.3
+"""Of the light at a viewer's camera."""
 _PREVIEW, _MOMENTS = 1.0, 25
 """Seconds, and moments of them, for which the view of a live simulation is chosen."""
 _STRAY = 0.3
@@ -38,7 +40,7 @@ class Live:
         self._speed = speed
         self._owed = -HOLD * speed
         views = aim(model, copy.copy(data), _preview(model, data), _ASPECT)
-        self.scenery = dress(model, data, views.height(model))
+        self.scenery = _dress(model, data, views)
         self.lookat, self._leeway = views.lookat[0], _STRAY * views.distance
         self._moving = np.flatnonzero(model.body_weldid)
         self._ahead = self.lookat - self._middle()
@@ -69,7 +71,7 @@ class Loop:
         self._clock = 0.0
         self._times = np.linspace(0, motion.time[-1], min(len(motion.time), _VIEWS))
         self._views = aim(model, data, motion.at(self._times).qpos, _ASPECT)
-        self.scenery = dress(model, data, self._views.height(model))
+        self.scenery = _dress(model, data, self._views)
         self.advance(0.0)
 
     def advance(self, seconds: float) -> None:
@@ -80,6 +82,14 @@ class Loop:
         self.data.qvel[:] = 0
         mujoco.mj_forward(self.model, self.data)
         self.lookat = np.array([np.interp(self._clock, self._times, axis) for axis in self._views.lookat.T])
+
+
+def _dress(model: mujoco.MjModel, data: mujoco.MjData, views: Views) -> Scenery:
+    """As `dress`. A viewer has no place for another light, so the one at its camera is brighter."""
+    scenery = dress(model, data, views.height(model))
+    if scenery.is_dark:
+        model.vis.headlight.diffuse[:] += _BRIGHTER
+    return scenery
 
 
 def _preview(model: mujoco.MjModel, data: mujoco.MjData) -> Float[np.ndarray, "n nq"]:

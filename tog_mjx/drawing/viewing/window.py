@@ -6,8 +6,9 @@ import time
 
 import mujoco
 
+from tog_mjx.drawing.viewing.camera import axes_of
 from tog_mjx.drawing.viewing.child import run_python
-from tog_mjx.drawing.viewing.gl_frames import add_marks, add_tiles
+from tog_mjx.drawing.viewing.gl_frames import add_marks, add_sky, add_tiles
 from tog_mjx.drawing.viewing.playback import Playback
 from tog_mjx.running.errors import InputError
 
@@ -66,7 +67,7 @@ def show_in_window(playback: Playback) -> None:
             with handle.lock():
                 playback.advance(now - before)
                 handle.cam.lookat[:] += playback.lookat - lookat  # Whoever has turned the camera keeps it so.
-                _add_scenery(handle.user_scn, playback)
+                _add_scenery(handle.user_scn, handle.cam, playback)
             handle.sync()
             before = now
             time.sleep(max(0.0, now + _FRAME - time.monotonic()))
@@ -78,9 +79,12 @@ def show_in_window(playback: Playback) -> None:
             thread.join(_CLOSING)
 
 
-def _add_scenery(scene: mujoco.MjvScene, playback: Playback) -> None:
+def _add_scenery(scene: mujoco.MjvScene, camera: mujoco.MjvCamera, playback: Playback) -> None:
     """In place of that of the frame before."""
     scenery, scene.ngeom = playback.scenery, 0
+    if not scenery.has_sky and camera.type == mujoco.mjtCamera.mjCAMERA_FREE:
+        forward = axes_of(camera.azimuth, camera.elevation)[:, 2]
+        add_sky(scene, playback.model, camera.lookat - camera.distance * forward, forward)
     add_marks(scene, scenery.marks, scenery.radius)
     for floor in scenery.floors:
         add_tiles(scene, playback.model, playback.data, floor, playback.lookat, scenery.tile)
