@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from tog_mjx.stepping.safe import cos_sinc, safe_norm
+from tog_mjx.stepping.safe import cos_sinc, quotient, safe_norm
 
 
 def test_norm_and_its_gradient_are_zero_at_zero():
@@ -23,6 +23,14 @@ def test_norm_elsewhere():
     x = jnp.array([[3.0, 4.0], [-1e-8, 0.0]])
     np.testing.assert_allclose(safe_norm(x), [5, 1e-8])
     check_grads(lambda x: safe_norm(jnp.asarray(x)), (x[0],), order=2, modes=["fwd", "rev"])
+
+
+def test_a_quotient_of_tiny_numbers_has_its_derivative():
+    at = jnp.float32(3e-25), jnp.float32(2e-25)
+    assert quotient(*at) == at[0] / at[1]
+    assert not np.isfinite(jax.grad(lambda x, y: x / y, 1)(*at))
+    for mode in (jax.jacfwd, jax.jacrev):
+        np.testing.assert_allclose(mode(quotient, (0, 1))(*at), (0.5e25, -0.75e25), rtol=1e-6)
 
 
 def derivative(squared: float, odd: int, order: int) -> float:

@@ -2,19 +2,18 @@
 
 It is imported where it is first used: that takes a third of a second, and what C MuJoCo moves does without it. MJX
 prints to standard output on import (that the optional Warp is not installed); a program's standard output is its own.
-What is private another version may rename or redefine: so only this file touches it, and `check_version` says which
-versions are let in. `tests/test_mjx_private.py` holds every one of these names against C MuJoCo.
+What is private another version may rename or redefine: so only this file and `_unrolled` touch it, and `check_version`
+says which versions are let in. `tests/test_mjx_private.py` holds every one of these names against C MuJoCo.
 """
 
 import contextlib
 import functools
 import importlib.metadata
-import importlib.util
 import io
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from types import ModuleType, SimpleNamespace
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import jax
@@ -261,32 +260,3 @@ def with_forces_of(model: mjx.Model, array: str) -> mjx.Model:
     if array in FLUID and model.opt.integrator != mjx.IntegratorType.IMPLICITFAST:
         return model.tree_replace({"opt._impl.has_fluid_params": True})
     return model
-
-
-def unrolled_solve(model: mjx.Model, data: mjx.Data) -> mjx.Data:
-    """`mjx.solve`, by the same operations in a loop of known length, which reverse mode can go back through."""
-    return _unrolled_solver(model.opt.iterations).solve(model, data)
-
-
-@functools.cache
-def _unrolled_solver(iterations: int) -> ModuleType:
-    """A second copy of MJX's module, that of others is left alone: its loop is a scan, in which iterations after the
-    last do nothing, and the root of a sliding speed has a derivative at zero, where an open contact is."""
-    stock = mjx._src.solver
-    spec = importlib.util.find_spec(stock.__name__)
-    assert spec is not None
-    assert spec.loader is not None
-    copy = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(copy)
-
-    def loop(condition, body, start):
-        return stock._while_loop_scan(condition, body, start, iterations)
-
-    copy.jax = _with(jax, lax=_with(jax.lax, while_loop=loop))  # type: ignore[attr-defined]
-    copy.jp = _with(jnp, sqrt=sqrt)  # type: ignore[attr-defined]
-    return copy
-
-
-def _with(module: ModuleType, **others: object) -> SimpleNamespace:
-    """The names of a module, some of them for something else."""
-    return SimpleNamespace(**{**vars(module), **others})

@@ -56,6 +56,19 @@ sqrt, arcsin, arccos = (
 )
 
 
+@jax.custom_jvp
+def quotient(x: Array | float, y: Array) -> Array:
+    """x / y, to the bit. JAX's derivative in y has y^-2 in it, which overflows in float32 where y is below 1e-19."""
+    return x / y
+
+
+@quotient.defjvp
+def _(primals: tuple[Array | float, Array], tangents: tuple[Array, Array]) -> tuple[Array, Array]:
+    (x, y), (x_dot, y_dot) = primals, tangents
+    ratio = quotient(x, y)
+    return ratio, (x_dot - ratio * y_dot) / y
+
+
 def safe_norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """Euclidean norm over the last axis. At the zero vector it returns zero, and its gradient there is zero."""
     return sqrt(jnp.sum(x * x, axis=-1))

@@ -17,7 +17,8 @@ import numpy as np
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array
 
-from tog_mjx.stepping._mjx import constraint_rows, mjx, unrolled_solve
+from tog_mjx.stepping._mjx import constraint_rows, mjx
+from tog_mjx.stepping._unrolled import unrolled_solve
 from tog_mjx.stepping.safe import Tree
 
 FEW = {int(mujoco.mjtSolver.mjSOL_NEWTON): 10, int(mujoco.mjtSolver.mjSOL_CG): 20}
