@@ -51,10 +51,10 @@ def test_whatever_joins_stops_and_drives_bodies_slopes_are_those_of_steps(seed, 
     assert_agree(both.mean(0)[:, 1:], of_steps(forward, data, given), model.nv)
 
 
-def chain(option: str = "", actuators: str = "", joint: str = "") -> mujoco.MjModel:
+def chain(option: str = "", actuators: str = "", joint: str = "", damping: str = "0.1") -> mujoco.MjModel:
     """Seven balls on a floor, in a row on hinges, two of them driven; by default the controls are limited to 1."""
-    link = '<body pos="0.2 0 0"><joint name="h{}" axis="0 1 0" damping="0.1" {}/><geom size="0.05" mass="0.3"/>'
-    links = "".join(link.format(i, joint) for i in range(6)) + 6 * "</body>"
+    link = '<body pos="0.2 0 0"><joint name="h{}" axis="0 1 0" damping="{}" {}/><geom size="0.05" mass="0.3"/>'
+    links = "".join(link.format(i, damping, joint) for i in range(6)) + 6 * "</body>"
     actuators = actuators or '<motor joint="h0" ctrlrange="-1 1"/><motor joint="h3" gear="2" ctrlrange="-1 1"/>'
     return mujoco.MjModel.from_xml_string(f"""<mujoco>
       <option timestep="0.005" {option}/>
@@ -91,6 +91,21 @@ def test_where_they_cannot_be_taken_slopes_are_those_of_steps_still(model, contr
     assert_slopes(model, mujoco.MjData(model), controls, is_for)
 
 
+@pytest.mark.parametrize(
+    "model",
+    [chain('iterations="2"'), chain(damping="1e6"), chain('integrator="implicitfast"', damping="1e6")],
+    ids=["few iterations", "damping is all", "damping is all, implicit"],
+)
+def test_neither_a_solver_cut_short_nor_damping_that_is_all_is_asked_for_its_inverse(model):
+    forward, given = somewhere(model, mujoco.MjData(model), (0.5, -0.3))
+    assert not inverse.is_for(forward)
+    expected = of_steps(forward, mujoco.MjData(model), given)
+    size = np.abs(expected).max((1, 2))
+    for found, agrees in ((slopes_of(forward, given), True), (by_inverse(forward, given)[0].mean(0)[:, 1:], False)):
+        errors = np.abs(found - expected).max((1, 2)) / size
+        assert (errors < 1e-5).all() == agrees
+
+
 def test_forces_in_space_do_not_turn_with_bodies():
     model = chain()
     data = mujoco.MjData(model)
@@ -112,6 +127,8 @@ def slopes_of(forward: Forward, given: Given) -> np.ndarray:
 def test_a_solver_that_stops_short_is_differenced(monkeypatch):
     model = chain('cone="elliptic" iterations="1"')
     forward, given = somewhere(model, mujoco.MjData(model), (0.5, -0.3))
+    monkeypatch.setattr(inverse, "ITERATIONS", 1)
+    assert inverse.is_for(forward)
     stops = ~by_inverse(forward, given)[1]
     assert stops.any()
     found = slopes_of(forward, given)

@@ -24,6 +24,11 @@ STEP_IN_A = 1e-4
 """In a, which is what STEP makes of a contact's reference acceleration."""
 LARGE = 8
 """From so many degrees of freedom on it takes less time than `mjd_transitionFD` where there are constraints."""
+ITERATIONS = 20
+"""A solver of fewer may stop short at any step, and the motion is then that of its iterations, not of its solution."""
+DAMPED = 100
+"""The largest share of dt damping in the inertia that is differenced. Inverse dynamics undoes the integrator's, so that
+a step in a is as many times larger in the acceleration that contacts and limits see."""
 _EULER = int(mujoco.mjtIntegrator.mjINT_EULER)  # To compare an enumerator itself takes as long as a small step.
 _INTEGRATORS = _EULER, int(mujoco.mjtIntegrator.mjINT_IMPLICIT), int(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 _FIXED = int(mujoco.mjtGain.mjGAIN_FIXED)
@@ -35,17 +40,31 @@ _TURNING = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL):
 def is_for(forward: Forward) -> bool:
     """Whether it saves time, and f and tau are all that there is: no activations, no forces in space, whose moments
     turn with bodies, no limits of what several actuators do together, nothing that changes forces after the solver,
-    and no implicit integrator whose damping may follow controls."""
+    a solver that is given time, no implicit integrator whose damping may follow controls, and none that is all."""
     model = forward.model
     is_damped = model.opt.integrator != _EULER and (model.actuator_gaintype != _FIXED).any()
-    if model.nv < LARGE or model.opt.integrator not in _INTEGRATORS or is_damped:
+    if model.nv < LARGE or model.opt.integrator not in _INTEGRATORS or is_damped or model.opt.iterations < ITERATIONS:
         return False
     with forward.data() as data:
-        is_pushed = data.xfrc_applied.any()
+        is_pushed = data.xfrc_applied.any() or _damping(model, data, forward.start) > DAMPED
     beside = model.na, model.nflex, model.nplugin, model.opt.noslip_iterations, is_pushed
     limits = model.jnt_actfrclimited.any(), model.tendon_actfrclimited.any()
     is_penalised = model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_IPC
     return not any((*beside, *limits, is_penalised))
+
+
+def _damping(model: mujoco.MjModel, data: mujoco.MjData, state: Float[np.ndarray, " s"]) -> float:
+    """The largest share of dt damping in the inertia that any velocity has, as the integrator takes it."""
+    inertia, damping = np.empty((2, model.nv, model.nv))
+    mujoco.mj_setState(model, data, state, STATE)
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, inertia)
+    if model.opt.integrator == _EULER:
+        damping = np.diag(model.dof_damping)
+    else:
+        mujoco.mj_implicit(model, data)
+        mujoco.mju_sparse2dense(damping, data.qDeriv, model.D_rownnz, model.D_rowadr, model.D_colind)
+    return float((model.opt.timestep * np.abs(np.diag(damping)) / np.diag(inertia)).max())
 
 
 class _Found(NamedTuple):
