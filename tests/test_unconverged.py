@@ -71,6 +71,28 @@ def test_the_derivative_of_an_early_stop_is_that_of_the_value(cone, solver):
     np.testing.assert_allclose(reverse, weights @ forward, rtol=1e-9)
 
 
+def test_a_batch_of_early_stops_is_differentiated_in_reverse_mode():
+    """As environments of reinforcement learning are: many starts at once."""
+    source = mujoco.MjModel.from_xml_string(PRESSED.format(cone="pyramidal", solver="Newton", iterations=1))
+    model = put_model(source)
+    start = on_mjx(model, default_start(source))
+    weights = jnp.asarray(np.random.default_rng(2).normal(size=(2, 3)))
+    ctrl, h = start.ctrl + jnp.array([[0.0, 0, 0], [-3, 1, 2]]), 1e-5
+
+    def speed(step, ctrl):
+        return (weights * jax.vmap(lambda ctrl: step(model, start.replace(ctrl=ctrl)).qvel)(ctrl)).sum()
+
+    @compile_quickly
+    def stock(ctrls):
+        return jax.vmap(functools.partial(speed, mjx.step))(ctrls)
+
+    found = compile_quickly(jax.grad(functools.partial(speed, tog.step)))(ctrl)
+    moves = h * jnp.eye(ctrl.size).reshape(-1, *ctrl.shape)
+    ahead, behind = jnp.split(stock(jnp.concatenate([ctrl + moves, ctrl - moves])), 2)
+    np.testing.assert_allclose(found.ravel(), (ahead - behind) / (2 * h), rtol=0, atol=1e-8)
+    assert (np.abs(found) > 1e-5).all()
+
+
 def test_the_converged_model_moves_as_its_solution_does():
     """Newton's steps in C MuJoCo with all the iterations it may want, and nothing of MJX."""
     source = mujoco.MjModel.from_xml_string(PRESSED.format(cone="pyramidal", solver="CG", iterations=2))

@@ -19,7 +19,7 @@ from jaxtyping import Array
 
 from tog_mjx.stepping._mjx import constraint_rows, mjx
 from tog_mjx.stepping._unrolled import unrolled_solve
-from tog_mjx.stepping.safe import Tree
+from tog_mjx.stepping.safe import Tree, with_derivative_of
 
 FEW = {int(mujoco.mjtSolver.mjSOL_NEWTON): 10, int(mujoco.mjtSolver.mjSOL_CG): 20}
 """Solvers of fewer iterations are unrolled. Newton's method takes two or three where its start is good, conjugate
@@ -34,15 +34,12 @@ def is_unrolled(model: mjx.Model) -> bool:
     return model.opt.iterations < FEW[model.opt.solver]
 
 
-@jax.custom_jvp
 def solve(model: mjx.Model, data: mjx.Data) -> Solved:
     """`mjx.solve`, differentiable: the acceleration [nv], its constraint forces [nv] and those of the rows [nefc]."""
-    return _of(mjx.solve(model, data))
-
-
-@functools.partial(solve.defjvp, symbolic_zeros=True)
-def _(primals: tuple, tangents: tuple) -> tuple[Solved, Solved]:
-    return jvp_along(lambda model, data: _of(unrolled_solve(model, data)), primals, tangents)
+    # No rule of its own: in a batch JAX must see the solver's conditions before it differentiates them, as it cannot go
+    # back through the tangents of a `cond` whose condition is batched afterwards.
+    value = mjx.solve(*jax.lax.stop_gradient((model, data)))
+    return with_derivative_of(_of(value), _of(unrolled_solve(model, data)))
 
 
 def doubt(model: mjx.Model) -> str:
