@@ -201,9 +201,6 @@ def test_options_second_derivatives_and_hidden_states_are_one_line():
         tog.objective("flip", "mujoco", friction="paper")
     with pytest.raises(tog.InputError, match="differentiation='native' is unknown; choose from implicit, saltation"):
         tog.objective("flip", "mujoco", differentiation="native")
-    jumping = tog.objective(floor(variables=tog.Parameters("body_mass[1]")), "mujoco", differentiation="saltation")
-    with pytest.raises(tog.InputError, match="no jumps in numbers of the model"):
-        jax.grad(jumping)(jnp.ones(1))
     with pytest.raises(tog.InputError, match="first derivatives only"):
         jax.hessian(tog.objective(floor(), "mujoco"))(jnp.zeros(4))
     with pytest.raises(tog.InputError, match="'mujoco' is unknown; choose from mjx, penalty"):

@@ -231,5 +231,8 @@ def test_rk4_has_none():
     model = mujoco.MjModel.from_xml_string(AT_REST)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     problem = tog.Problem(model, 2, tog.Start("qvel"), cost=lambda last: last.qpos[0])
-    with pytest.raises(tog.InputError, match=r"RK4.*take engine mjx"):
+    told = r"RK4.* four stages of .*take engine mjx"
+    with pytest.raises(tog.InputError, match=told):
         jax.grad(tog.objective(problem, "mujoco", **HOW))(jnp.zeros(model.nv))
+    with pytest.raises(tog.InputError, match=told):
+        tog.check_scene(model, engine="mujoco", steps=2, differentiation="saltation")

@@ -188,7 +188,6 @@ def test_what_mjx_cannot_is_told_and_what_neither_can_weighs():
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"wrt": "body_mass[1]", "differentiation": "saltation"}, "engine mujoco has no jumps in numbers of the model"),
         ({"output": lambda data: data.qpos[0]}, "engine mujoco has no mjx.Data for a cost to see"),
         ({"differentiation": "native"}, "differentiation='native' is unknown; choose from implicit, saltation"),
         ({"engine": "penalty"}, "engine='penalty' is unknown; choose from mjx, mujoco"),

@@ -38,7 +38,7 @@ def check_c(scene: SceneFunction) -> None:
     check_state(scene.model, "this scene")
     check_names("mujoco", {"differentiation": scene.differentiation})
     if scene.differentiation == "saltation":
-        check_jumps(scene.model, scene.x.array not in STARTED)
+        check_jumps(scene.model)
     layout_of(scene.x, scene.model)
     if not isinstance(scene.y.output, str):
         raise InputError(

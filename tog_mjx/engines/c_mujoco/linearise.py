@@ -80,7 +80,9 @@ def slopes(
             lambda rows, step: one_step(forward, given(rows), step, False, True), usable
         )
     if forward.differentiation == "saltation":
-        slope[usable, 1:, : model.nv] += _jumps(forward, given(usable), after[usable])
+        jumps = _jumps(forward, given(usable), after[usable], is_held)
+        slope[usable, 1:, : model.nv] += jumps[..., : model.nv]
+        slope[usable, 1:, n + nu :] += jumps[..., model.nv :]
     in_held = slope[..., n + nu :]
     in_held = forward.layout.in_numbers(held, in_held) if is_held else in_held
     found = Slopes(slope[:, 1:, :n], slope[:, 1:, n : n + nu], in_held)
@@ -107,15 +109,17 @@ def _transitions(forward: Forward, given: Given, step: float) -> np.ndarray:
     return np.pad(np.concatenate([of_state, of_controls], axis=3), ((0, 0), (0, 0), (1, 0), (0, 0)))
 
 
-def _jumps(forward: Forward, given: Given, after: np.ndarray) -> np.ndarray:
-    """What touch-downs and partings add to the derivatives in the positions before, [N, n, nv], in velocity space."""
+def _jumps(forward: Forward, given: Given, after: np.ndarray, is_held: bool) -> np.ndarray:
+    """What touch-downs and partings add to the derivatives in the positions before and in the directions of what is
+    held, [N, n, nv + m], in velocity space."""
     model, (states, controls, held) = forward.model, given
-    found = np.empty((len(states), 2 * model.nv + model.na, model.nv))
+    m = forward.layout.directions if is_held else 0
+    found = np.empty((len(states), 2 * model.nv + model.na, model.nv + m))
 
     def some(numbers: Iterable[int]) -> None:
         room = taken(forward.rooms, lambda: Jumps(forward))
         for i in numbers:
-            found[i] = room.of_step(states[i], after[i], controls[i], held[i])
+            found[i] = room.of_step(states[i], after[i], controls[i], held[i], is_held)
         forward.rooms.append(room)
 
     on_all_cores(forward, some, len(states))

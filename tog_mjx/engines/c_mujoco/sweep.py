@@ -41,7 +41,7 @@ def _push(forward: Forward, primals: tuple[Any, ...], tangents: tuple[Any, ...])
     (moved, steered), numbers = map(instantiated, tangents[:2]), tangents[2][:2]
     is_held = is_moved(numbers)
     if forward.differentiation == "saltation":
-        check_jumps(forward.model, is_held)
+        check_jumps(forward.model)
     after = motion(forward, state, controls, held)
     before = jnp.concatenate([state[None], after[:-1]])
     last = int(forward.ends[-1])

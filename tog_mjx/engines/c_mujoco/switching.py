@@ -4,7 +4,8 @@ A limit or a contact acts while its gap is negative. Those within the box of the
 the surface, and the solver is asked twice: H^-1 (sum over c of J_c^T f_c) is the acceleration with all of them minus
 that without any. Of it each has a part, H^-1 J_c^T f_c with H of all other rows. Times -d(gap_c) / w_c that is what the
 switch adds to the derivative of the acceleration, and the integrator says what the state makes of it. A gap depends on
-positions alone, and moves with its normal's row of the Jacobian: d(gap_c) = n_c dq, in velocity space.
+positions, and moves with its normal's row of the Jacobian, d(gap_c) = n_c dq, in velocity space; and on what is held,
+see `gaps`.
 """
 
 from typing import NamedTuple
@@ -13,21 +14,15 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tog_mjx.engines.c_mujoco.forward import STATE, WARNED, Forward
+from tog_mjx.engines.c_mujoco.forward import STATE, Forward
+from tog_mjx.engines.c_mujoco.gaps import ELLIPTIC, Gaps
 from tog_mjx.running.errors import InputError
-from tog_mjx.stepping.converged import converged
 from tog_mjx.stepping.touch import KICKS
 
 TOUCHING = np.finfo(float).eps ** 0.75
 """How deep [m or rad] what touches just now is, as on MJX."""
-REACH = 8.0
-"""Half a box is at most so many times as wide as the way of the quickest body in a step, by speed and by acceleration:
-two bodies move, friction may add as much as the normal force, and it is as wide as KICKS / 2 kicks."""
 SIDE = 1e-4
 """Of a difference through the integrator, in velocity, in which it is linear but for what turns."""
-_CONTACT = int(mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS)
-"""Rows of this kind and of those after it are of contacts."""
-_ELLIPTIC = int(mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC)
 _QUADRATIC = int(mujoco.mjtConstraintState.mjCNSTRSTATE_QUADRATIC)
 _CONE = int(mujoco.mjtConstraintState.mjCNSTRSTATE_CONE)
 
@@ -43,35 +38,13 @@ class Rows(NamedTuple):
 
 
 class Jumps:
-    """Room for the jumps of one step after the other: a model whose margins move, and its data. For one thread.
-
-    The switches are all joints, all tendons, and the contacts in MuJoCo's order.
-    """
+    """Room for the jumps of one step after the other. For one thread."""
 
     def __init__(self, forward: Forward):
-        self.forward, self.model = forward, converged(forward.model)
+        self.forward, self.gaps = forward, Gaps(forward)
+        self.model, self.data = self.gaps.model, self.gaps.data
         self.model.opt.noslip_iterations = 0
         self.model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND  # Rows change after they are found.
-        self.data = mujoco.MjData(self.model)
-        for kind in self.data.warning:
-            kind.number = WARNED
-        limits = int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT), int(mujoco.mjtConstraint.mjCNSTR_LIMIT_TENDON)
-        self._first = np.full(_ELLIPTIC + 1, -1)
-        """Of each kind of rows: its first switch, or -1 if they belong to none."""
-        self._first[[*limits, _CONTACT]] = 0, self.model.njnt, self.model.njnt + self.model.ntendon
-        self._first[_CONTACT:] = self._first[_CONTACT]
-        self._held: np.ndarray | None = None
-        self._read()
-
-    def _read(self) -> None:
-        """What is asked of the model as it is given."""
-        given = self.model
-        self._limits = np.concatenate([given.jnt_margin, given.tendon_margin])
-        gaps = given.geom_gap, given.pair_gap, given.flex_gap, given.body_margin
-        self._gaps = [(gap, gap.copy()) for gap in gaps if gap.size]
-        self._extent = np.zeros(given.nbody)
-        """Of each body: how far from its frame its geoms end."""
-        np.maximum.at(self._extent, given.geom_bodyid, np.linalg.norm(given.geom_pos, axis=1) + given.geom_rbound)
 
     def of_step(
         self,
@@ -79,89 +52,46 @@ class Jumps:
         after: Float[np.ndarray, " s"],
         controls: Float[np.ndarray, " nu"],
         held: Float[np.ndarray, " h"],
-    ) -> Float[np.ndarray, "n nv"]:
-        """What the switches add to the derivative of (qpos, qvel, act) after a step in the positions before it."""
-        nv = self.model.nv
-        jump = np.zeros((2 * nv + self.model.na, nv))
+        is_held: bool,
+    ) -> Float[np.ndarray, "n d"]:
+        """What the switches add to the derivative of (qpos, qvel, act) after a step in the positions before it and,
+        with `is_held`, in the directions of what is held."""
+        nv, ways = self.model.nv, self.forward.layout.directions if is_held else 0
+        jump = np.zeros((2 * nv + self.model.na, nv + ways))
         # The next step's solver begins at the acceleration of this one.
         qacc = after[self.forward.ends[-1] :]
         self._begin(before, controls, held, qacc)
-        gap = self._see(qacc)
+        reach = self.gaps.reach(qacc)
+        gap = self.gaps.see(reach)
         if np.isfinite(gap).any():
             width, normals = self._boxes(gap, qacc)
             near = (np.abs(gap) <= width / 2) & (width > 0)
             if near.any():
-                for switch, part in zip(np.flatnonzero(near), self._parts(gap, near, qacc), strict=True):
-                    slope = -normals[switch] / width[switch]
+                slopes = normals[near]
+                if ways:
+                    slopes = np.hstack([slopes, self.gaps.slopes(before, held, reach, gap, near)])
+                slopes /= -width[near, None]
+                for slope, part in zip(slopes, self._parts(gap, near, qacc), strict=True):
                     jump[: 2 * nv] += np.outer(self._integrated(before, qacc, part), slope)
         return jump
 
     def _begin(self, before: np.ndarray, controls: np.ndarray, held: np.ndarray, qacc: np.ndarray) -> None:
         """The data of the state."""
         model, data = self.model, self.data
-        self._reach(0.0)
-        self._limit(self._limits)
-        if self._held is None or (held != self._held).any():
-            self.forward.hold(data, held)
-            self._held = held.copy()
-            self._read()
-        mujoco.mj_setState(model, data, before, STATE)
+        self.gaps.begin(before, held)
         data.ctrl[:], data.qacc_warmstart[:] = controls, qacc
         for stage in (mujoco.mj_fwdPosition, mujoco.mj_fwdVelocity, mujoco.mj_fwdActuation, mujoco.mj_fwdAcceleration):
             stage(model, data)
 
-    def _reach(self, beyond: float) -> None:
-        """Contacts are seen from so far beyond their margins on."""
-        for here, given in self._gaps:
-            here[:] = given + beyond
-
-    def _limit(self, margins: np.ndarray) -> None:
-        """Limits [njnt + ntendon] have rows within these margins."""
-        joints = self.model.njnt
-        self.model.jnt_margin[:], self.model.tendon_margin[:] = margins[:joints], margins[joints:]
-
-    def _see(self, qacc: Float[np.ndarray, " nv"]) -> Float[np.ndarray, " S"]:
-        """How far each switch is from acting; infinitely if farther than a box reaches. Finds contacts anew."""
-        model, data, dt = self.model, self.data, self.model.opt.timestep
-        limits = self._limits + mujoco.mjMAXVAL  # How far a tendon goes in a step is not known: all are seen.
-        limits[: model.njnt] = self._limits[: model.njnt] + REACH * (dt * abs(data.qvel) + dt**2 * abs(qacc)).max()
-        self._limit(limits)
-        self._reach(REACH * self._way(qacc))
-        mujoco.mj_collision(model, data)
-        mujoco.mj_makeConstraint(model, data)
-        of_limits, switches = np.full(len(limits), np.inf), self._switches()
-        rows = np.flatnonzero((switches >= 0) & (switches < len(limits)))
-        np.minimum.at(of_limits, switches[rows], data.efc_pos[rows] - self._limits[switches[rows]])
-        touching = data.contact
-        self._margins, self._excluded = touching.includemargin.copy(), touching.exclude > 1
-        of_contacts = np.where(self._excluded, np.inf, touching.dist - self._margins)
-        return np.concatenate([of_limits, of_contacts])
-
-    def _way(self, qacc: np.ndarray) -> float:
-        """How far [m] the quickest point of any geom goes in a step, by its speed and by its acceleration."""
-        model, data, dt, way = self.model, self.data, self.model.opt.timestep, 0.0
-        arms = self._extent + np.linalg.norm(data.xpos - data.subtree_com[model.body_rootid], axis=1)
-        for qvel, duration in ((qacc, dt**2), (data.qvel.copy(), dt)):  # The data's own last, to leave all as it was.
-            data.qvel[:] = qvel
-            mujoco.mj_comVel(model, data)
-            turn, along = np.sqrt((data.cvel.reshape(-1, 2, 3) ** 2).sum(2)).T
-            way += duration * float((along + turn * arms).max())
-        return way
-
-    def _switches(self) -> np.ndarray:
-        """Whose each row is, [nefc]; -1 if nobody's."""
-        first = self._first[self.data.efc_type]
-        return np.where(first < 0, -1, first + self.data.efc_id)
-
     def _rows(self, gap: np.ndarray, surface: np.ndarray, out: np.ndarray) -> Rows:
         """The rows with some switches [S] as if they touched just now, some left out, and the others as they are."""
-        model, data, limits = self.model, self.data, len(self._limits)
-        margins = np.concatenate([self._limits, self._margins]) + np.where(surface, gap + TOUCHING, 0.0)
+        model, data, limits = self.model, self.data, len(self.gaps.limits)
+        margins = np.concatenate([self.gaps.limits, self.gaps.margins]) + np.where(surface, gap + TOUCHING, 0.0)
         margins[out] = -mujoco.mjMAXVAL
-        self._limit(margins[:limits])
+        self.gaps.limit(margins[:limits])
         data.contact.includemargin[:] = margins[limits:]
         is_void = out | ((gap >= 0) & ~surface)
-        data.contact.exclude[:] = np.where(self._excluded, 2, is_void[limits:])
+        data.contact.exclude[:] = np.where(self.gaps.excluded, 2, is_void[limits:])
         mujoco.mj_makeConstraint(model, data)
         mujoco.mj_referenceConstraint(model, data)
         return self._found(len(gap))
@@ -174,11 +104,11 @@ class Jumps:
             mujoco.mju_sparse2dense(jacobian, data.efc_J, *pattern)
         else:
             jacobian = data.efc_J.reshape(data.nefc, model.nv).copy()
-        switches = self._switches()
+        switches = self.gaps.switches()
         owns = (np.arange(count)[:, None] == switches).astype(float)
         # Of an elliptic contact the first row, of a pyramidal one the mean of its edges.
         of_normal = owns.copy()
-        of_normal[:, 1:] *= (switches[1:] != switches[:-1]) | (data.efc_type[1:] != _ELLIPTIC)
+        of_normal[:, 1:] *= (switches[1:] != switches[:-1]) | (data.efc_type[1:] != ELLIPTIC)
         normals = of_normal @ jacobian / np.maximum(of_normal.sum(1), 1.0)[:, None]
         return Rows(jacobian, owns, normals, of_normal @ data.efc_D)
 
@@ -237,7 +167,7 @@ class Jumps:
         mujoco.mj_fullM(model, data, hessian)
         stiffness = data.efc_D * (data.efc_state == _QUADRATIC)
         hessian += rows.jacobian.T @ (stiffness[:, None] * rows.jacobian)
-        is_cone = (data.efc_type == _ELLIPTIC) & (data.efc_state == _CONE)
+        is_cone = (data.efc_type == ELLIPTIC) & (data.efc_state == _CONE)
         for contact in np.unique(data.efc_id[is_cone]):
             own = rows.jacobian[is_cone & (data.efc_id == contact)]
             block = data.contact[contact].H[: len(own) ** 2].reshape(len(own), len(own))
@@ -264,11 +194,8 @@ class Jumps:
         return np.concatenate([moved, (v_ahead - v_behind) / (2 * size)])
 
 
-def check_jumps(model: mujoco.MjModel, is_held: bool) -> None:
-    """Raises InputError for derivatives in what is held, and for a model whose steps are not one solution and one
-    advance."""
-    if is_held:
-        raise InputError("engine mujoco has no jumps in numbers of the model or mocap poses; take engine mjx for those")
+def check_jumps(model: mujoco.MjModel) -> None:
+    """Raises InputError for a model whose steps are not one solution and one advance."""
     if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-        told = "engine mujoco has no jumps of touch-downs with <option integrator='RK4'>"
+        told = "engine mujoco has no jumps with <option integrator='RK4'>: contacts switch in all four stages of a step"
         raise InputError(f"{told}; set Euler or implicitfast, or take engine mjx")
