@@ -1,6 +1,8 @@
 """The jumps of touch-downs on C MuJoCo in what is held: against closed forms, the jumps in positions, and slopes over
 many phases of the time grid."""
 
+import copy
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -10,9 +12,12 @@ import pytest
 import tog_mjx as tog
 from tog_mjx.checks.measured.linearised import Linearised
 from tog_mjx.engines.c_mujoco.forward import Forward
+from tog_mjx.engines.c_mujoco.gaps import STILL
 from tog_mjx.engines.c_mujoco.linearise import slopes
+from tog_mjx.mjcf.fields import assign, attribute
 from tog_mjx.mjcf.moved import MovedModel
 from tog_mjx.problems.scene_function import SceneFunction
+from tog_mjx.stepping.mjx_state import copy_of
 
 HOW = {"differentiation": "saltation"}
 STIFFNESS, DAMPING, SPEED = 1000.0, 20.0, 1.0
@@ -175,6 +180,31 @@ def test_a_verdict_has_the_same():
         scene = SceneFunction(problem.scene.model, problem.origin, problem.steps, name, "qpos", **HOW)
         of_place = Linearised(scene, np.eye(len(scene.x.names))).run().slopes
         np.testing.assert_allclose(WEIGHTS @ of_place[:, -1], found["mocap_pos[0, 2]"], rtol=1e-6)
+
+
+def test_what_is_said_to_move_no_gap_moves_none():
+    """Of bounces that touch, and of all that MuJoCo computes of positions before forces; sizes do."""
+    problem = bounces()
+    given, moving = problem.scene.model, []
+
+    def gaps(model: mujoco.MjModel) -> np.ndarray:
+        data = copy_of(model, problem.origin)
+        data.qpos[:] = -0.101, 0.101, 0.101
+        mujoco.mj_fwdPosition(model, data)
+        rows = data.efc_type >= int(mujoco.mjtConstraint.mjCNSTR_LIMIT_JOINT)
+        return np.append((data.efc_pos - data.efc_margin)[rows], data.contact.dist - data.contact.includemargin)
+
+    for name in sorted(STILL | {"geom_size", "jnt_range", "tendon_range", "geom_margin", "body_pos"}):
+        model = copy.copy(given)
+        value = np.asarray(attribute(model, name))
+        if not value.size:
+            continue
+        assign(model, name, value + 1e-4 * np.random.default_rng(0).uniform(1, 2, value.shape))
+        before, after = (gaps(some) for some in (given, model))
+        assert before.shape == after.shape == (4,)
+        if (before != after).any():
+            moving.append(name)
+    assert moving == ["body_pos", "geom_margin", "geom_size", "jnt_range", "tendon_range"]
 
 
 HELD = """<mujoco><option timestep="0.002" gravity="0 0 -0.001"/><worldbody>

@@ -78,9 +78,10 @@ else:
     mjx = _Lazy("mujoco.mjx")
 
 
-def float_fields() -> set[str]:
+@functools.cache
+def float_fields() -> frozenset[str]:
     """The arrays of `mjx.Model` and of its options, by name."""
-    options = {f"opt.{name}" for name, kind in mjx.Option.__annotations__.items() if kind is jax.Array}
+    options = frozenset(f"opt.{name}" for name, kind in mjx.Option.__annotations__.items() if kind is jax.Array)
     return options | {name for name, kind in _imported().Model.__annotations__.items() if kind is jax.Array}
 
 

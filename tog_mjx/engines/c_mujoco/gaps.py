@@ -1,7 +1,7 @@
 """How far limits and contacts of C MuJoCo are from acting, and how that moves with what is held.
 
-A size, the place of a body or joint, a margin, a range or a mocap pose moves a gap; a mass or a friction does not. That
-is found by differences of the gaps alone.
+A size, the place of a body or joint, a margin, a range or a mocap pose moves a gap, which is found by differences of
+the gaps alone; a mass or a friction does not.
 """
 
 import functools
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from tog_mjx.engines.c_mujoco.forward import STATE, WARNED, Forward
 from tog_mjx.stepping.converged import converged
@@ -22,6 +22,16 @@ STEP = 1e-6
 FARTHER = 1e-3
 """How much farther [m or rad] a gap is seen from where such a difference may have moved it."""
 ELLIPTIC = int(mujoco.mjtConstraint.mjCNSTR_CONTACT_ELLIPTIC)
+STILL = frozenset(
+    {f"body_{name}" for name in ("mass", "inertia", "ipos", "iquat", "subtreemass", "invweight0")}
+    | {f"dof_{name}" for name in ("armature", "damping", "frictionloss", "solref", "solimp", "invweight0", "M0")}
+    | {f"geom_{name}" for name in ("friction", "solref", "solimp", "solmix")}
+    | {f"jnt_{name}" for name in ("stiffness", "solref", "solimp")}
+    | {f"tendon_{name}" for name in ("stiffness", "damping", "frictionloss", "armature", "invweight0")}
+    | {f"actuator_{name}" for name in ("gear", "gainprm", "biasprm", "dynprm", "acc0", "length0")}
+    | {f"opt.{name}" for name in ("timestep", "gravity", "density", "viscosity", "wind")}
+)
+"""Fields of the model that move no gap: their differences are not taken."""
 _CONTACT = int(mujoco.mjtConstraint.mjCNSTR_CONTACT_FRICTIONLESS)
 """Rows of this kind and of those after it are of contacts."""
 
@@ -123,6 +133,16 @@ class Gaps:
         return np.where(first < 0, -1, first + self.data.efc_id)
 
     @functools.cached_property
+    def _moving(self) -> Int[np.ndarray, " k"]:
+        """The directions of what is held that may move a gap."""
+        layout = self.forward.layout
+        may = np.arange(layout.directions) >= len(layout.size)
+        for name, rate in layout.rates.items():
+            if name not in STILL:
+                may[: len(layout.size)] |= rate.any(0)
+        return np.flatnonzero(may)
+
+    @functools.cached_property
     def _displaced(self) -> "Gaps":
         """Room to see them where something else is held: there the next state would have to have all put back."""
         return Gaps(self.forward)
@@ -136,15 +156,19 @@ class Gaps:
         chosen: Bool[np.ndarray, " S"],
     ) -> Float[np.ndarray, "chosen d"]:
         """The derivatives of some gaps that are seen, in the directions of what is held."""
-        ways, other, found = self.forward.layout.directions, self._displaced, []
+        found = np.zeros((chosen.sum(), self.forward.layout.directions))
+        if not self._moving.size:
+            return found
+        along, other, gaps = np.eye(found.shape[1])[self._moving], self._displaced, []
         reach = Reach(*(some + FARTHER for some in reach))
-        for row in self.forward.layout.displaced(held[None], STEP * np.concatenate([np.eye(ways), -np.eye(ways)]))[0]:
+        for row in self.forward.layout.displaced(held[None], STEP * np.concatenate([along, -along]))[0]:
             other.begin(state, row)
             for stage in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_flex, mujoco.mj_tendon):
                 stage(other.model, other.data)
-            found.append(self._matched(other, other.see(reach), gap)[chosen])
-        ahead, behind = np.split(np.array(found), 2)
-        return ((ahead - behind) / (2 * STEP)).T
+            gaps.append(self._matched(other, other.see(reach), gap)[chosen])
+        ahead, behind = np.split(np.array(gaps), 2)
+        found[:, self._moving] = ((ahead - behind) / (2 * STEP)).T
+        return found
 
     def _matched(self, other: "Gaps", displaced: Float[np.ndarray, " S2"], gap: np.ndarray) -> Float[np.ndarray, " S"]:
         """The other's gaps in the order of one's own, of which there may be more or fewer: of each contact that of the
