@@ -32,6 +32,12 @@ def broken():
     return tog.Problem(
         mujoco.MjSpec.from_string(XML), 5, cost=lambda last: last.body("cube")[0])
 
+def misshapen():
+    return tog.Problem(mujoco.MjSpec.from_string(XML), 5, guess=[1.5, 2.0], cost=lambda last: last.qpos[0])
+
+def uncalled():
+    return tog.Problem(mujoco.MjSpec.from_string(XML), 5, tog.Controls, cost=lambda last: last.qpos[0])
+
 def none():
     return 3
 """
@@ -81,7 +87,7 @@ def test_the_page_that_shows_a_problem_has_a_speed(run_script, file):
     ("script", "arguments", "message"),
     [
         ("check_gradients.py", ["{}:none"], "returns is of type int; give a tog.Problem"),
-        ("check_gradients.py", ["{}:pusch"], "cannot be imported: AttributeError"),
+        ("check_gradients.py", ["{}:pusch"], "my_problem.py has no pusch; did you mean push?"),
         ("check_gradients.py", ["{}:push", "--steps", "3"], "argument --steps: a problem says that itself"),
         ("check_gradients.py", ["{}:broken"], "no body named cube; choose from world, puck, ball"),
         ("view_scene.py", ["{}:push", "--duration", "3"], "argument --duration: a problem has its own"),
@@ -94,3 +100,23 @@ def test_bad_input_is_one_line_and_status_2(run_script, file, tmp_path, monkeypa
     status, said, complaint = run_script(script, *(argument.format(file) for argument in arguments))
     assert (status, said) == (2, "")
     assert message in complaint.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("problem", "places", "told"),
+    [
+        ("broken", ["in <lambda>"], "J of push fails: cost fails: the scene has no body named cube"),
+        ("misshapen", ["in misshapen"], "fails: x has the shape [2]; push takes [1]: motor"),
+        ("uncalled", ["in uncalled"], "fails: a variable is the class Controls; give one of it, as Controls()"),
+    ],
+)
+def test_of_the_lines_that_failed_those_in_the_file_alone_are_shown(
+    run_script, file, tmp_path, monkeypatch, problem, places, told
+):
+    monkeypatch.chdir(tmp_path)
+    _, _, complaint = run_script("check_gradients.py", f"{file}:{problem}", "--engine", "mujoco")
+    *own, last = complaint.splitlines()
+    frames = [line for line in own if line.startswith("  File ")]
+    assert [frame.rpartition(", ")[2] for frame in frames] == places
+    assert all(str(file) in frame for frame in frames)
+    assert told in last

@@ -138,6 +138,8 @@ class Problem:
         if not kinds:
             raise InputError("the problem has no variables; give Controls, Start, Parameters or Policy")
         for kind in kinds:
+            if isinstance(kind, type):
+                raise InputError(f"a variable is the class {kind.__name__}; give one of it, as {kind.__name__}()")
             require_kind("a variable", kind, Variables, "give Controls, Start, Parameters or Policy")
         one = kinds[0] if len(kinds) == 1 else Several(tuple(kinds))
         return one.bind(Setting(self.scene.model, self._compiled_from, self.origin, self.steps))

@@ -17,11 +17,13 @@ import jaxtyping
 import mujoco
 from jaxtyping import Array
 
-from tog_mjx.running import errors
-from tog_mjx.running.errors import InputError
+import tog_mjx
+from tog_mjx.running.errors import InputError, near
 
-_OTHERS = tuple(f"{Path(str(some.__file__)).parent}{os.sep}" for some in (errors, jax, jaxtyping, mujoco, importlib))
+_OTHERS = tuple(f"{Path(str(some.__file__)).parent}{os.sep}" for some in (tog_mjx, jax, jaxtyping, mujoco, importlib))
 """Folders of code that may stand between a user's and what failed."""
+_PYTHON = f"{Path(os.__file__).parent}{os.sep}"
+"""Python's own; where others' packages are in a folder within it, that is no part of it."""
 
 
 def call(what: str, function: Callable, *args: Any) -> Any:
@@ -36,6 +38,8 @@ def call(what: str, function: Callable, *args: Any) -> Any:
     except (Exception, SystemExit) as error:
         if isinstance(error, SystemExit):
             why = f"it calls sys.exit({error.code!r})"
+        elif isinstance(error, InputError):
+            why = str(error)
         else:
             why = f"{type(error).__name__}: {error}".strip().splitlines()[0]
         raise InputError(f"{what}: {why}") from error
@@ -54,7 +58,12 @@ def load(what: str, name: str) -> Callable:
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)
-    found = call(f"{what} {name!r} cannot be imported", lambda: operator.attrgetter(function)(_module(module)))
+    inside = call(f"{what} {name!r} cannot be imported", _module, module)
+    try:
+        found = operator.attrgetter(function)(inside)
+    except AttributeError:
+        functions = [some for some, value in vars(inside).items() if callable(value) and some[0] != "_"]
+        raise InputError(f"{what} {name!r}: {module} has no {function}{near(function, functions)}") from None
     if not callable(found):
         raise InputError(f"{what} {name!r} is no function but a {type(found).__name__}")
     return found
@@ -98,7 +107,15 @@ def number(what: str, function: Callable, *args: Any) -> Array:
 
 
 def own_lines(error: BaseException | None) -> str:
-    """Where in a user's own code an error was raised, as Python prints it; empty where no user's code has a part."""
-    frames = traceback.extract_tb(error.__traceback__ if error else None)
-    users = [frame for frame in frames if not frame.filename.startswith((*_OTHERS, "<"))]
+    """Where in a user's own code an error was raised, and what it came from, as Python prints it; empty where no user's
+    code has a part."""
+    users = list[traceback.FrameSummary]()
+    while error:
+        users += [frame for frame in traceback.extract_tb(error.__traceback__) if _is_users(frame.filename)]
+        error = error.__cause__
     return "".join(traceback.format_list(users))
+
+
+def _is_users(file: str) -> bool:
+    is_python = file.startswith(_PYTHON) and not file.startswith(f"{_PYTHON}site-packages{os.sep}")
+    return not (is_python or file.startswith((*_OTHERS, "<")))
