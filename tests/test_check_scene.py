@@ -156,7 +156,11 @@ def test_a_body_that_moves_otherwise_is_not_unmoved(pendulum):
     found = [zeros(slopes, differences, ["u"], ["x", "y", "z"], np.array(bodies)) for bodies in ([0, 0, 0], [0, 1, 2])]
     assert [(some.level, some.sentence) for some in found] == [
         (Level.FINE, "no variable moves y (1 of 3 outputs), but others of the same body move"),
-        (Level.CARE, "no variable moves y (1 of 3 outputs): the output does not depend on them"),
+        (
+            Level.CARE,
+            "no variable moves y (1 of 3 outputs): the output does not change over steps of up to 10% of a variable's "
+            "size",
+        ),
     ]
 
 

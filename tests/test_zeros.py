@@ -33,6 +33,13 @@ NOT_READ = {"kin": np.zeros(3, int), "unused": np.array([True, False, False])}
 ALIKE = {"kin": np.zeros(3, int)}
 
 
+def test_of_what_stays_the_same_it_says_how_far_it_has_looked():
+    """Beyond the longest step it may move, as a ball that an arm reaches only then."""
+    found = judged(lambda a: [np.maximum(a - 0.2, 0)], [[0]])
+    assert found.sentence.endswith("(a): the output does not change over steps of up to 10% of a variable's size")
+    assert found.remedy.startswith("begin elsewhere")
+
+
 @pytest.mark.parametrize(
     ("function", "slopes", "known", "level", "words"),
     [

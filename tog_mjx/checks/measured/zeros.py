@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from tog_mjx.checks.measured.agreement import Sweep
+from tog_mjx.checks.measured.agreement import STEPS, Sweep
 from tog_mjx.checks.told.finding import Finding, Level
 
 SHORTEST, SHORT = 0.9e-6, 1.1e-4
@@ -55,7 +55,7 @@ def zeros(
     idle = still & ~read_by_none & is_known & constant.all(axis=0)
     weighs = still & ~(read_by_none | at_rest | idle)
     if weighs.any():
-        why, remedy = _why(bool(constant[:, weighs].all()), untouched, "it")
+        why, remedy = _why(bool(constant[:, weighs].all()), untouched)
         sentence = f"{weighs.sum()} of {still.size} derivatives are zero ({_listed(variables, weighs)}): {why}"
         return Finding("zeros", Level.CARE, sentence, float(weighs.sum()), remedy)
     reasons = ((read_by_none, "nothing reads it"), (at_rest, "stationary here"), (idle, "no effect here"))
@@ -113,7 +113,7 @@ def _outputs(
     if not left.any():
         sentence = f"{told}; {what}" if told else what
         return Finding("zeros", Level.FINE, f"{sentence}, but others of the same body move", float(shown.sum()))
-    why, remedy = _why(bool(constant[left].all()), untouched, "them")
+    why, remedy = _why(bool(constant[left].all()), untouched)
     return Finding("zeros", Level.CARE, f"{what}: {why}", float(shown.sum()), remedy)
 
 
@@ -132,16 +132,17 @@ def _is_slope(size: Float[np.ndarray, "H n"]) -> Bool[np.ndarray, " n"]:
     return (size.min(axis=0) >= STEADY * size.max(axis=0)) & (size.min(axis=0) > 0)
 
 
-def _why(is_constant: bool, untouched: Callable[[], str], cause: str) -> tuple[str, str]:
+def _why(is_constant: bool, untouched: Callable[[], str]) -> tuple[str, str]:
     """Of what stays the same over every step or not, and the remedy."""
     if not is_constant:
-        remedy = "average over perturbations: tog_mjx.gradients"
+        remedy = "begin where it moves, or average over perturbations: the estimators tell over which"
         return "the output moves with longer steps only: this piece of it is flat", remedy
     if why := untouched():
         return why, "start nearer, run longer, or perturb until something touches: no gradient points there"
     return (
-        f"the output does not depend on {cause}",
-        "check that the input is wired to the output, and the motion long enough",
+        f"the output does not change over steps of up to {STEPS.max():.0%} of a variable's size",
+        "begin elsewhere, as nothing may be touched from here, or run longer; or check that the input is wired to the "
+        "output",
     )
 
 
