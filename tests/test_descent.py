@@ -26,6 +26,18 @@ def test_a_quadratic_shrinks_by_its_factors():
     assert (descent.status, descent.iterations, descent.best_iteration) == (Status.EXHAUSTED, 20, 20)
 
 
+def test_it_is_told_in_one_line():
+    """Also that it never moved, as where an arm does not reach the ball."""
+    descent = descend(exact(bowl), [1.0, 0.0], step_size=0.5, iterations=2)
+    assert repr(descent) == ("Descent: J from 0.5 to 0.03125, at iterate 2 of 2 (iterations exhausted); `best` has it")
+    flat = descend(exact(lambda u: 2.0 + 0 * u.sum()), [1.0, 0.0], step_size=0.5, iterations=2)
+    assert repr(flat).endswith(
+        "at iterate 0 of 2 (iterations exhausted; every gradient was zero: begin elsewhere); `best` has it"
+    )
+    many = descent._replace(held_out=np.array([np.nan, 0.25, 0.5]))
+    assert "J from 0.5 to 0.125, on held-out starts 0.25, at iterate 1 of 2" in repr(many)
+
+
 def test_it_converges():
     descent = descend(exact(bowl), [1.0, 1.0], step_size=0.2, iterations=10_000, tolerance=1e-6)
     assert descent.status is Status.CONVERGED

@@ -165,7 +165,7 @@ def told(problem: Problem, engine: str, descent: Descent) -> list[str]:
     starts = "" if descent.held_out is None else " on held-out starts"
     return [
         f"J of {problem.name} on {engine}{starts}: {first:.4g} at the guess, {best:.4g} at the best iterate{solved}.",
-        f"The best is iterate {descent.best_iteration} of {descent.iterations} ({descent.status.value}); "
+        f"The best is iterate {descent.best_iteration} of {descent.iterations} ({descent.ended}); "
         f"compiled in {descent.seconds_compile:.1f} s, ran {descent.seconds_run:.1f} s.",
         f"There {at}{more}.",
     ]

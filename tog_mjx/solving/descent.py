@@ -53,6 +53,18 @@ class Descent(NamedTuple):
     seconds_run: float
     held_out: np.ndarray | None = None
 
+    def __repr__(self) -> str:
+        """In one line: what it has found, and how it ended."""
+        judged = "" if self.held_out is None else f", on held-out starts {np.nanmin(self.held_out):.4g}"
+        found = f"J from {self.costs[0]:.4g} to {self.costs[self.best_iteration]:.4g}{judged}"
+        return f"Descent: {found}, at iterate {self.best_iteration} of {self.iterations} ({self.ended}); `best` has it"
+
+    @property
+    def ended(self) -> str:
+        """How it ended, and where no gradient led anywhere the remedy."""
+        flat = not any(np.any(leaf) for leaf in jax.tree.leaves(self.gradients))
+        return self.status.value + "; every gradient was zero: begin elsewhere" * flat
+
     @property
     def iterations(self) -> int:
         """The number of updates made."""
