@@ -1,6 +1,7 @@
 """`tog.check` on functions of one known fault each."""
 
 import json
+import re
 import warnings
 
 import jax
@@ -144,6 +145,8 @@ def test_each_fault_is_named(function, x, level, check, words):
     assert verdict.level == level
     assert (verdict.reason.check if verdict.reason else None) == check
     assert words in verdict.line
+    pointing = " ".join(some.remedy for some in verdict.findings if some.remedy.startswith("see "))
+    assert set(re.findall(r"'([^']+)'", pointing)) <= {some.check for some in verdict.findings}
 
 
 def test_the_gradient_is_in_the_verdict():

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from tog_mjx.checks.measured.agreement import agreement, sweep
+from tog_mjx.checks.measured.agreement import OF_A_FUNCTION, OF_C_MUJOCO, agreement, sweep
 from tog_mjx.checks.measured.estimators import which_to_follow
 from tog_mjx.checks.measured.jumps import find_jumps, judge_jumps
 from tog_mjx.checks.measured.modes import reverse
@@ -94,12 +94,14 @@ def check(
     values = lambda points: np.asarray(batch(points))  # noqa: E731
     differences = sweep(values, point, directions)
 
-    lengths = np.linalg.norm(directions, axis=0)
+    lengths, remedy = np.linalg.norm(directions, axis=0), OF_C_MUJOCO if engine == "mujoco" else OF_A_FUNCTION
     jumps = find_jumps(values, point, directions, differences)
     checks: dict[str, Callable[[], Finding]] = {
         "finite": lambda: _finite(value, slopes),
         "zeros": lambda: zeros(slopes, differences, names, outputs),
-        "agreement": lambda: judge_jumps(agreement(slopes, differences), slopes, jumps, names, outputs, scale=lengths),
+        "agreement": lambda: judge_jumps(
+            agreement(slopes, differences, remedy), slopes, jumps, names, outputs, scale=lengths
+        ),
         "reverse mode": lambda: reverse(flat, point, directions, slopes),
         "precision": lambda: _precision(flat, point, directions, slopes),
     }

@@ -37,6 +37,13 @@ ROUNDED = 1e-14
 _SIZE = "a variable's size"
 """What steps are relative to: the length of a direction."""
 REMEDY = "see 'solver' and 'differentiation': a converged solver, or tog.step, may mend it"
+"""Of a scene on MJX."""
+OF_A_FUNCTION = (
+    "a converged solver, or tog.step for mjx.step, may mend it; else look for a stop_gradient, or a rule of its own"
+)
+OF_C_MUJOCO = (
+    "take engine mjx, which takes no differences: here one crosses a touch, or is rounded, as numbers are large"
+)
 OUTSIDE = "neither, nor between them"
 
 
@@ -72,7 +79,7 @@ def sweep(
     return Sweep(steps, np.swapaxes(ahead - centre, 1, 2) / h, np.swapaxes(centre - behind, 1, 2) / h, constant)
 
 
-def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep, remedy: str = REMEDY) -> Finding:
+def agreement(slopes: Float[np.ndarray, "m k"], differences: Sweep, remedy: str = OF_A_FUNCTION) -> Finding:
     """Does the gradient agree with differences, and over which distance does it hold? With the `remedy` of one that is
     wrong."""
     central = differences.central

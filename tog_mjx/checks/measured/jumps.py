@@ -235,7 +235,9 @@ def judge_jumps(
         return plain
     if not jumps.number:
         told = f"differences settle twice, and the derivative is that of a short piece: {seen}, but {wide}"
-        return say(Level.CARE, told, "see 'time step', or average over perturbations: the estimators tell over which")
+        return say(
+            Level.CARE, told, "try another time step, or average over perturbations: the estimators tell over which"
+        )
     if not jumps.are_many:
         told = f"the function jumps within {width:.1g}, which the derivative does not see: {seen}, {wide}"
         remedy = "take smaller steps, or average over perturbations: the estimators tell over which"

@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Array, Float
 
+from tog_mjx.checks.measured.agreement import OF_C_MUJOCO
 from tog_mjx.checks.measured.met import Met
 from tog_mjx.checks.measured.motion import NEVER, SAMPLES, Motion, Recorder
 from tog_mjx.checks.measured.placed import STARTED, Given, layout_of, starts, tangents
@@ -54,9 +55,7 @@ class Linearised(Recorder):
     """
 
     engine = "mujoco"
-    remedy = (
-        "take engine mjx, which takes no differences: here one crosses a touch, or is rounded, as numbers are large"
-    )
+    remedy = OF_C_MUJOCO
 
     def __init__(self, scene: SceneFunction, directions: Float[np.ndarray, "n k"]):
         check_c(scene)
