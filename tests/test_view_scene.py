@@ -10,8 +10,10 @@ import pytest
 from PIL import Image, ImageSequence
 from saved_run import save_run
 
+from tog_mjx.drawing.viewing.film import film
 from tog_mjx.engines.objective import rollout
 from tog_mjx.mjcf.scene import compile_model, scene_path
+from tog_mjx.running.errors import InputError
 
 NAME = "view_scene.py"
 SCENES = Path(__file__).parent / "scenes"
@@ -179,6 +181,12 @@ def test_bad_input_is_one_line_and_status_2(run_script, result, tmp_path, monkey
     assert complaint.startswith("view_scene.py: ")
     assert complaint.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]
+
+
+def test_a_film_of_another_ending_is_refused_before_anything_moves(tmp_path):
+    with pytest.raises(InputError, match=r"a\.mp4: a film is a GIF; give a name that ends in \.gif"):
+        film("flip", U, tmp_path / "a.mp4")
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_damaged_result_is_told(run_script, result, tmp_path):

@@ -5,11 +5,11 @@ from tog_mjx.paper.tasks import Task
 DIFFERS = {
     "released": "This is the paper's own program, restated.",
     "penalty": (
-        "Other than the paper's program, `penalty` damps fingers critically, moves box corners as a rigid body does, "
+        "Other than the paper's program, penalty damps fingers critically, moves box corners as a rigid body does, "
         "steps semi-implicitly and takes MuJoCo's friction law; a finger is a sphere of 2 cm."
     ),
     "mjx": (
-        "Other than the paper's program, `mjx` damps fingers critically and has MuJoCo's soft contact and friction "
+        "Other than the paper's program, mjx damps fingers critically and has MuJoCo's soft contact and friction "
         "cone; a finger is a sphere of 2 cm."
     ),
 }

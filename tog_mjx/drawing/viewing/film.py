@@ -8,6 +8,7 @@ from tog_mjx.drawing.viewing.rendering import render
 from tog_mjx.drawing.viewing.shown import frame_times, motion_of, start
 from tog_mjx.problems.library import get_problem
 from tog_mjx.problems.problem import Problem
+from tog_mjx.running.errors import InputError
 from tog_mjx.running.types import Numbers
 
 SECONDS, FPS = 2.0, 25.0
@@ -28,12 +29,15 @@ def film(
       how it was made: by how much slower than it is, and by which renderer.
 
     Raises:
-      InputError: for a motion that is not finite, and variables, an engine or a problem that do not fit.
+      InputError: for a motion that is not finite, variables, an engine or a problem that do not fit, and a path that
+        does not end in .gif.
 
     Units: of x those of the problem's variables, of the size pixels.
     Gradient: none of a picture.
     Source: own.
     """
+    if Path(path).suffix.lower() != ".gif":
+        raise InputError(f"{path}: a film is a GIF; give a name that ends in .gif, or for a video use tog view --mp4")
     problem = get_problem(problem)
     model, motion = copy.copy(problem.scene.model), motion_of(problem, x, engine)
     duration = float(motion.time[-1])
