@@ -1,5 +1,6 @@
 """The scenes say what the paper says, and a scene that cannot be used is told in one line."""
 
+import re
 from pathlib import Path
 
 import mujoco
@@ -128,6 +129,14 @@ def test_an_unusable_scene_is_one_line_that_names_the_element(tmp_path, xml, mes
 def test_a_missing_scene_names_the_known_ones():
     with pytest.raises(InputError, match=r"nowhere\.xml.*flip, grasp"):
         load_scene("nowhere.xml")
+
+
+def test_a_missing_scene_says_in_which_folder_a_relative_path_was_sought(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"^a/no.xml: no such scene or file in {re.escape(str(tmp_path))}; name"):
+        load_scene("a/no.xml")
+    with pytest.raises(InputError, match="no.xml: no such scene or file; name"):
+        load_scene(tmp_path / "no.xml")
 
 
 def test_a_scene_without_the_planar_parts_says_which_is_missing(tmp_path):

@@ -238,11 +238,13 @@ def scene_path(scene: str | Path) -> Path:
     except OSError:  # A name that no file system takes.
         is_file = False
     if not is_file:
+        where = ""
         with contextlib.suppress(OSError, ValueError):
+            where = "" if path.is_absolute() else f" in {Path.cwd()}"
             names += [str(other) for other in path.parent.glob("*.xml")]
         raise InputError(
-            f"{scene}: no such scene or file; name one of {', '.join(scene_names())} or give the path of an MJCF file"
-            f"{near(scene, names)}"
+            f"{scene}: no such scene or file{where}; name one of {', '.join(scene_names())} "
+            f"or give the path of an MJCF file{near(scene, names)}"
         )
     return path
 
