@@ -133,9 +133,9 @@ def test_a_missing_scene_names_the_known_ones():
 
 def test_a_missing_scene_says_in_which_folder_a_relative_path_was_sought(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=f"^a/no.xml: no such scene or file in {re.escape(str(tmp_path))}; name"):
+    with pytest.raises(InputError, match=rf"^a/no\.xml: no such scene or file in {re.escape(str(tmp_path))}; name"):
         load_scene("a/no.xml")
-    with pytest.raises(InputError, match="no.xml: no such scene or file; name"):
+    with pytest.raises(InputError, match=r"no\.xml: no such scene or file; name"):
         load_scene(tmp_path / "no.xml")
 
 
