@@ -236,6 +236,23 @@ def test_a_problem_is_judged_on_c_mujoco():
         tog.check(lambda x: x @ x, np.ones(2), engine="mujoco")
 
 
+SLIDING = """<mujoco><option timestep="0.005" tolerance="{}"/><worldbody>
+  <geom type="plane" size="2 2 0.1" solref="0.04 1" solimp="0 0.9 0.02" priority="1"/>
+  <body name="box" pos="0 0 0.09"><freejoint/><geom type="box" size="0.1 0.1 0.1" mass="1"/></body></worldbody>
+  <keyframe><key qpos="0 0 0.09 1 0 0 0" qvel="1 0.5 0 0 0 2"/></keyframe></mujoco>"""
+
+
+def test_of_a_problem_whose_solver_stops_early_the_remedy_mends_the_gradient():
+    def verdict(tolerance: str):
+        model, far = mujoco.MjSpec.from_string(SLIDING.format(tolerance)), lambda last: last.body("box")[0]
+        return tog.check(tog.Problem(model, 20, tog.Start("qvel[0]"), far, guess=[1.0]), engine="mujoco")
+
+    judged = verdict("1e-2")
+    assert (judged.word, judged.reason.check) == ("do not trust", "agreement")
+    assert "<option tolerance='1e-12'/>" in judged.reason.remedy
+    assert verdict("1e-12").word == "trust"
+
+
 def test_the_script_judges_on_c_mujoco_and_writes_json_and_a_page(run_script, tmp_path):
     out = tmp_path / "verdict.json", tmp_path / "verdict.html"
     how = "--engine", "mujoco", "--json", out[0], "--html", out[1]

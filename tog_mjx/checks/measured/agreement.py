@@ -42,7 +42,8 @@ OF_A_FUNCTION = (
     "a converged solver, or tog.step for mjx.step, may mend it; else look for a stop_gradient, or a rule of its own"
 )
 OF_C_MUJOCO = (
-    "take engine mjx, which takes no differences: here one crosses a touch, or is rounded, as numbers are large"
+    "let the solver converge, by <option tolerance='1e-12'/>; or take engine mjx, which takes no differences: here one "
+    "crosses a touch, or is rounded, as numbers are large"
 )
 OUTSIDE = "neither, nor between them"
 
