@@ -8,6 +8,7 @@ SCENE = Path(__file__).parent / "scenes" / "verdicts" / "smooth_arm.xml"
 COSTS = """
 import sys
 import jax.numpy as jnp
+import numpy as np
 
 def missing(data):
     return deeper(data)["wings"]
@@ -20,6 +21,9 @@ def misshapen(data):
 
 def concrete(data):
     return 1.0 if data.qpos[0] > 0 else 2.0
+
+def numpys(data):
+    return np.sin(data.qpos).sum()
 
 def leaving(data):
     sys.exit(7)
@@ -41,10 +45,11 @@ def phase(data):
 @pytest.mark.parametrize(
     ("cost", "lines", "told"),
     [
-        ("missing", ["line 6, in missing"], "the cost missing fails: KeyError: 'wings'"),
-        ("misshapen", ["line 12, in misshapen"], "the cost misshapen fails: TypeError: dot_general"),
-        ("concrete", ["line 15, in concrete"], "the cost concrete fails: TracerBoolConversionError: Attempted"),
-        ("leaving", ["line 18, in leaving"], "the cost leaving fails: it calls sys.exit(7)"),
+        ("missing", ["line 7, in missing"], "the cost missing fails: KeyError: 'wings'"),
+        ("misshapen", ["line 13, in misshapen"], "the cost misshapen fails: TypeError: dot_general"),
+        ("concrete", ["line 16, in concrete"], "the cost concrete fails: TracerBoolConversionError: Attempted"),
+        ("numpys", ["line 19, in numpys"], "the cost numpys fails: TracerArrayConversionError: "),
+        ("leaving", ["line 22, in leaving"], "the cost leaving fails: it calls sys.exit(7)"),
         ("text", [], "the cost text returns a str; give one number"),
         ("nothing", [], "the cost nothing returns a NoneType; give one number"),
         ("vector", [], "the cost vector returns an array of shape [2]; give one number"),
@@ -60,6 +65,7 @@ def test_a_cost_that_fails_is_told_with_its_own_lines(run_script, tmp_path, monk
     *own, last = complaint.splitlines()
     assert (status, said) == (2, "")
     assert last.startswith(f"check_gradients.py: {told}")
+    assert ("compute with jax.numpy in place of numpy" in last) == (cost in ("concrete", "numpys"))
     frames = [line for line in own if line.startswith("  File ")]
     assert frames == [f'  File "{tmp_path / module}.py", {line}' for line in lines]
 

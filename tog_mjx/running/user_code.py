@@ -22,6 +22,8 @@ from tog_mjx.running.errors import InputError, near
 
 _OTHERS = tuple(f"{Path(str(some.__file__)).parent}{os.sep}" for some in (tog_mjx, jax, jaxtyping, mujoco, importlib))
 """Folders of code that may stand between a user's and what failed."""
+_TRACED = jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError
+"""What JAX raises where a number is asked for that it has not yet."""
 _PYTHON = f"{Path(os.__file__).parent}{os.sep}"
 """Python's own; where others' packages are in a folder within it, that is no part of it."""
 
@@ -42,6 +44,8 @@ def call(what: str, function: Callable, *args: Any) -> Any:
             why = str(error)
         else:
             why = f"{type(error).__name__}: {error}".strip().splitlines()[0]
+        if isinstance(error, _TRACED):
+            why += "; compute with jax.numpy in place of numpy and float(), and choose by jnp.where in place of if"
         raise InputError(f"{what}: {why}") from error
 
 
