@@ -106,6 +106,7 @@ def test_the_example_is_solved_and_shown(run_script, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        (["push.xml"], "push.xml is a scene; give a function that returns a tog.Problem of it"),
         (["flop"], "problem 'flop': give package.module:function or file.py:function"),
         (["flip", "--size", "1"], "argument --size: 1 is too small"),
         (["flip", "--landscape", "finger1_x", "finger1_y"], "did you mean finger1_"),

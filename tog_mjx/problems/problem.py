@@ -89,6 +89,10 @@ class Problem:
         Raises:
           InputError: if it cannot be imported, fails, or returns no Problem.
         """
+        if Path(name).suffix == ".xml":
+            raise InputError(
+                f"{name} is a scene; give a function that returns a tog.Problem of it, as my_problem.py:push"
+            )
         found = call(f"the problem {name!r} fails", load("problem", name))
         require_kind(f"what {name!r} returns", found, cls, "give a tog.Problem")
         return found
