@@ -10,11 +10,14 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+import jaxlib.version
 import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 _AXIS = "points"
+_CRASH_ON_MANY = ("0.11.2",)
+"""Versions of jaxlib that crash as they compile a batch of MJX for several devices of a CPU."""
 
 
 def cores() -> int:
@@ -23,14 +26,15 @@ def cores() -> int:
 
 
 def use_all_cores() -> None:
-    """Makes each core of this machine a device of JAX's CPU backend, unless somebody chose a number of devices.
+    """Makes each core of this machine a device of JAX's CPU backend, unless somebody chose a number of devices, or
+    jaxlib crashes on several.
 
     Without effect once JAX has started.
     """
     is_chosen = jax.config.values["jax_num_cpu_devices"] > 0 or "host_platform_device_count" in os.environ.get(
         "XLA_FLAGS", ""
     )
-    if not is_chosen:
+    if not is_chosen and jaxlib.version.__version__ not in _CRASH_ON_MANY:
         with contextlib.suppress(RuntimeError):
             jax.config.update("jax_num_cpu_devices", cores())
 
