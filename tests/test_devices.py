@@ -82,11 +82,11 @@ def test_many_devices_give_the_numbers_of_one(tmp_path, alone, processes, device
 def test_each_core_is_a_device_also_where_the_system_does_not_tell_which_are_ours(jaxlib, devices):
     """As macOS does not. The jaxlib that crashes on several devices has one."""
     program = f"""
-import jaxlib.version, os
-jaxlib.version.__version__ = "{jaxlib}"
+import os
 del os.sched_getaffinity
-import jax
+import jax, jaxlib.version
 from tog_mjx.running.devices import use_all_cores
+jaxlib.version.__version__ = "{jaxlib}"
 os.cpu_count = lambda: 3
 use_all_cores()
 print(jax.local_device_count())
