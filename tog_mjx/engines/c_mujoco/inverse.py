@@ -91,6 +91,14 @@ class _Found(NamedTuple):
         done, dt, qvel = np.zeros(count, bool), np.ones(count), np.zeros((count, nv))
         return cls(done, dt, qvel, q, v, a, limits, moments, forces)
 
+    def of(self, steps: Bool[np.ndarray, " N"]) -> "_Found":
+        """Of some steps alone."""
+        q, v, a, forces = (some[:, steps] for some in (self.q, self.v, self.a, self.forces))
+        done, dt, qvel, limits, moments = (
+            some[steps] for some in (self.done, self.dt, self.qvel, self.limits, self.moments)
+        )
+        return _Found(done, dt, qvel, q, v, a, limits, moments, forces)
+
 
 def transitions(
     forward: Forward, given: Given, after: Float[np.ndarray, "N s"]
@@ -99,8 +107,18 @@ def transitions(
     they are: of those with constraints that the solver solves, beginning at the acceleration in `after`. For a model
     that `is_for`."""
     model, (_, controls, held) = forward.model, given
-    found = _Found.room(model, len(after))
-    for_each(forward, held, lambda data, i: _differentiate(forward, data, given, after, i, found))
+    room = _Found.room(model, len(after))
+    for_each(forward, held, lambda data, i: _differentiate(forward, data, given, after, i, room))
+    slopes = np.zeros((2, len(after), 1 + 2 * model.nv, 2 * model.nv + model.nu))
+    if room.done.any():
+        slopes[:, room.done, 1:] = _solved(model, controls[room.done], room.of(room.done))
+    return slopes, room.done
+
+
+def _solved(
+    model: mujoco.MjModel, controls: Float[np.ndarray, "N nu"], found: "_Found"
+) -> Float[np.ndarray, "2 N n m"]:
+    """Of (qpos, qvel), from what is found of f and tau."""
     tau = _slopes_of_forces(model, controls, found)[..., None] * found.moments
     forces, dt = np.concatenate([-found.q, -found.v, tau], axis=2).swapaxes(2, 3), found.dt[:, None, None]
     speeds = dt * (np.linalg.inv(found.a.swapaxes(2, 3)) @ forces)
@@ -108,7 +126,7 @@ def transitions(
     of_q, of_way = _places(model, found)
     places = of_way @ (dt * speeds)
     places[..., : model.nv] += of_q
-    return np.concatenate([np.zeros_like(places[:, :, :1]), places, speeds], axis=2), found.done
+    return np.concatenate([places, speeds], axis=2)
 
 
 def _differentiate(
