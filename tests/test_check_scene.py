@@ -253,7 +253,7 @@ def test_bad_input_is_one_line(run_script, tmp_path):
         ((scene, "--wrt", "wings"), "'wings' is none of ctrl, qpos, qvel"),
         ((scene, "--output", "wings"), "no site or sensor named wings"),
         ((scene, "--steps", "0"), "steps is 0: give a whole number from 1 to 10000000"),
-        ((scene, "--cost", "json:nothing"), "cannot be imported"),
+        ((scene, "--cost", "json:nothing"), "cost 'json:nothing': json has no nothing"),
         ((scene, "--state", tmp_path / "none.npz"), "cannot be read"),
         ((tmp_path / "none.xml",), "no such scene or file"),
     ):

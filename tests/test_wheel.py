@@ -79,7 +79,8 @@ def test_both_bring_the_same_package_and_all_of_it(environments):
     assert record(environments["sdist"]) == wheel
     here = {path.relative_to(ROOT).as_posix() for path in (ROOT / "tog_mjx").rglob("*.*") if path.suffix != ".pyc"}
     scenes = {f"tog_mjx/models/{path.name}" for path in (ROOT / "models").glob("*.xml")}
-    assert set(wheel) == here | scenes | {"tog_mjx/examples/push.py"}
+    examples = {f"tog_mjx/examples/{path.name}" for path in (ROOT / "scripts" / "examples").glob("*.py")}
+    assert set(wheel) == here | scenes | examples
 
 
 def test_the_source_holds_what_is_needed_to_build_and_to_test_and_nothing_large(built):

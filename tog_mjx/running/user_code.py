@@ -17,10 +17,13 @@ import jaxtyping
 import mujoco
 from jaxtyping import Array
 
-import tog_mjx
 from tog_mjx.running.errors import InputError, near
 
-_OTHERS = tuple(f"{Path(str(some.__file__)).parent}{os.sep}" for some in (tog_mjx, jax, jaxtyping, mujoco, importlib))
+_OURS = Path(__file__).parents[1]
+_OTHERS = tuple(
+    f"{folder}{os.sep}"
+    for folder in (_OURS, *(Path(str(some.__file__)).parent for some in (jax, jaxtyping, mujoco, importlib)))
+)
 """Folders of code that may stand between a user's and what failed."""
 _TRACED = jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError
 """What JAX raises where a number is asked for that it has not yet."""
